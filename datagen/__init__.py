@@ -1,0 +1,1 @@
+"""Meshes to datasets: catalogues, partials, the factory (not built yet)."""

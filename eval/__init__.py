@@ -1,0 +1,1 @@
+"""Pictures and metrics of simulated and measured scans."""

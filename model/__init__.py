@@ -1,0 +1,1 @@
+"""From the signal H to the completed shape (not built yet)."""

@@ -1,0 +1,174 @@
+"""The echo of one target by the factorised kernel: visibility, moments, interpolation, bins, samples."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import drjit as dr
+import numpy as np
+from drjit.llvm.ad import Float
+from numpy.typing import NDArray
+
+from waveformer.simulator.device import to_device, to_device_index
+from waveformer.simulator.factorisation import Factorisation, TileWork, factorise, tile_work
+from waveformer.simulator.kernel_factorised import Antennas, cell_moments, deposit_cells, deposit_samples
+from waveformer.simulator.numerics import Numerics
+from waveformer.simulator.quadrature import SurfaceSamples, take
+from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Aperture, Chirp
+from waveformer.simulator.range_bins import NUM_MOMENTS, reference_phase
+from waveformer.simulator.subapertures import Tile, build_tiles
+from waveformer.simulator.visibility import VisibilityMap
+
+# Lanes of (node, cell) in one launch: wide enough for all threads, about 32 MB of moments.
+_MAX_LANES = 1 << 19
+
+
+def fast_echo(
+    scene: Any,
+    samples: SurfaceSamples,
+    two_sided: bool,
+    closest_m: float,
+    chirp: Chirp,
+    aperture: Aperture,
+    numerics: Numerics,
+    tile_positions: int | None,
+    add: Callable[[NDArray[np.int64], NDArray[np.complex64]], None],
+) -> None:
+    """Sum the echo of one target, tile by tile.
+
+    Args:
+        scene: Mitsuba scene that decides visibility.
+        samples: surface samples of the target in the radar frame.
+        two_sided: whether the back of the surface reflects.
+        closest_m: smallest distance from an antenna to the target.
+        chirp, aperture: the radar, N pairs and T samples.
+        numerics: kernel settings.
+        tile_positions: most antenna positions in flight at once; None leaves it to a memory bound.
+        add: called with rows (n,) and their echo (n, T), not yet multiplied by j Gamma / (4 pi).
+    """
+    visibility = VisibilityMap(
+        scene, samples, two_sided, aperture, closest_m * np.radians(numerics.probe_spacing_deg)
+    )
+    seen = np.flatnonzero(visibility.seen)
+    if len(seen) == 0:
+        return
+    plan, order = factorise(take(samples, seen), chirp, facet_taper=numerics.facet_taper)
+    visibility = visibility.select(seen[order])
+    tiles = build_tiles(
+        aperture,
+        closest_m,
+        plan.cells.radius_m,
+        SPEED_OF_LIGHT_M_PER_S / float(chirp.frequencies_hz[-1]),
+        numerics.tolerance,
+        closest_m * np.radians(numerics.leaf_spacing_deg),
+    )
+    tables = _SampleTables(plan)
+    for batch in _batches(plan, tiles, visibility):
+        moments = _moments_at_nodes(plan, tables, batch, two_sided)
+        for work, at_nodes in zip(batch, moments, strict=True):
+            for tile in work.tile.split(tile_positions):
+                bins = _tile_bins(plan, tables, replace(work, tile=tile), at_nodes, aperture, two_sided)
+                spectrum = bins @ plan.ranges.to_samples  # stage 4: (n, bin * moment) @ (bin * moment, T)
+                add(tile.rows, spectrum * reference_phase(chirp, aperture, tile.rows, plan.ranges.center_m))
+
+
+class _SampleTables:
+    """Device tables of the samples, relative to their cell's centre and to the target's centre."""
+
+    def __init__(self, plan: Factorisation) -> None:
+        samples, center = plan.samples, plan.ranges.center_m
+        tail = np.concatenate([samples.normals, samples.areas_m2[:, None], plan.taper[:, None]], axis=1)
+        in_cell = samples.points_m - plan.cells.centers_m[plan.cell_of_sample]
+        self.in_cells = to_device(np.concatenate([in_cell, tail], axis=1))
+        self.in_target = to_device(np.concatenate([samples.points_m - center, tail], axis=1))
+        self.cell_centers = to_device(plan.cells.centers_m - center)
+
+
+def _batches(plan: Factorisation, tiles: list[Tile], visibility: VisibilityMap) -> Iterator[list[TileWork]]:
+    """Gather tiles until the launch of their nodes is wide enough."""
+    batch: list[TileWork] = []
+    lanes = 0
+    for tile in tiles:
+        work = tile_work(plan, tile, visibility.of_tile(tile))
+        work_lanes = len(tile.node_tx_m) * len(work.cells)
+        if batch and lanes + work_lanes > _MAX_LANES:
+            yield batch
+            batch, lanes = [], 0
+        batch.append(work)
+        lanes += work_lanes
+    if batch:
+        yield batch
+
+
+def _moments_at_nodes(
+    plan: Factorisation, tables: _SampleTables, batch: list[TileWork], two_sided: bool
+) -> list[NDArray[np.float32]]:
+    """Stage 1 for a batch of tiles: per tile (2 * NUM_MOMENTS, nodes, cells)."""
+    members, first, last, transmitters, receivers, offset = [], [], [], [], [], 0
+    for work in batch:
+        nodes = len(work.tile.node_tx_m)
+        centers = plan.cells.centers_m[work.cells]
+        members.append(work.members)
+        first.append(np.tile(work.first + offset, nodes))
+        last.append(np.tile(work.last + offset, nodes))
+        transmitters.append((work.tile.node_tx_m[:, None] - centers).reshape(-1, 3))
+        if work.tile.node_rx_m is not None:
+            receivers.append((work.tile.node_rx_m[:, None] - centers).reshape(-1, 3))
+        offset += len(work.members)
+    if offset == 0:
+        return [np.empty((2 * NUM_MOMENTS, len(work.tile.node_tx_m), 0), np.float32) for work in batch]
+    moments = cell_moments(
+        tables.in_cells,
+        to_device_index(np.concatenate(members)),
+        to_device_index(np.concatenate(first)),
+        to_device_index(np.concatenate(last)),
+        np.concatenate(transmitters),
+        np.concatenate(receivers) if receivers else None,
+        plan.ranges,
+        two_sided,
+    )
+    stops = np.cumsum([len(part) for part in transmitters])[:-1]
+    return [
+        part.reshape(2 * NUM_MOMENTS, len(work.tile.node_tx_m), len(work.cells))
+        for part, work in zip(np.split(moments, stops, axis=1), batch, strict=True)
+    ]
+
+
+def _tile_bins(
+    plan: Factorisation,
+    tables: _SampleTables,
+    work: TileWork,
+    at_nodes: NDArray[np.float32],
+    aperture: Aperture,
+    two_sided: bool,
+) -> NDArray[np.complex64]:
+    """Stages 2 and 3 for one tile: its range bins, (n, bins * NUM_MOMENTS) complex64."""
+    rows, ranges, partial = work.tile.rows, plan.ranges, work.visibility.partial
+    receivers = None if aperture.rx_m is None else aperture.rx_m[rows] - ranges.center_m
+    antennas = Antennas(aperture.tx_m[rows] - ranges.center_m, receivers)
+    bins = dr.zeros(Float, len(rows) * ranges.count * 2 * NUM_MOMENTS)
+    if len(work.cells):
+        moments = at_nodes if work.tile.weights is None else work.tile.weights @ at_nodes
+        deposit_cells(
+            bins,
+            ranges,
+            moments.reshape(2 * NUM_MOMENTS, -1),
+            antennas,
+            to_device_index(work.cells),
+            tables.cell_centers,
+        )
+    if len(partial):
+        deposit_samples(
+            bins,
+            ranges,
+            tables.in_target,
+            to_device_index(partial),
+            antennas,
+            to_device_index(work.tile.leaf),
+            to_device(work.visibility.partial_visible),
+            two_sided,
+        )
+    flat = np.ascontiguousarray(bins.numpy(), dtype=np.float32)
+    return flat.view(np.complex64).reshape(len(rows), ranges.count * NUM_MOMENTS)

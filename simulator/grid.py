@@ -1,0 +1,58 @@
+"""The voxel grid an image is formed on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from waveformer.simulator.errors import RadarError
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A rectilinear voxel grid; image value [i, j, k] belongs to (x[i], y[j], z[k]).
+
+    Attributes:
+        x, y, z: coordinates in metres in the radar frame, each 1-D and strictly increasing.
+    """
+
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    z: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        for name in ("x", "y", "z"):
+            axis = np.array(getattr(self, name), dtype=np.float64)
+            if axis.ndim != 1 or len(axis) == 0 or not np.isfinite(axis).all():
+                raise RadarError(f"grid axis {name} must be a non-empty 1-D array of finite metres")
+            if (np.diff(axis) <= 0).any():
+                raise RadarError(f"grid axis {name} must increase strictly")
+            axis.setflags(write=False)
+            object.__setattr__(self, name, axis)
+
+    @classmethod
+    def box(cls, min_m: ArrayLike, max_m: ArrayLike, spacing_m: float) -> Grid:
+        """A regular grid that fills a box, both ends included where the spacing divides it.
+
+        Args:
+            min_m, max_m: opposite corners, shape (3,), metres.
+            spacing_m: voxel pitch.
+        """
+        low, high = np.asarray(min_m, float), np.asarray(max_m, float)
+        if low.shape != (3,) or high.shape != (3,) or not (high >= low).all():
+            raise RadarError(f"grid box needs min_m <= max_m, each of shape (3,), got {min_m} and {max_m}")
+        if not (np.isfinite(spacing_m) and spacing_m > 0):
+            raise RadarError(f"grid spacing_m must be positive metres, got {spacing_m!r}")
+        counts = np.floor((high - low) / spacing_m + 1e-9).astype(int) + 1
+        if float(np.prod(counts.astype(float))) > 2e9:
+            raise RadarError(
+                f"grid of {counts[0]} x {counts[1]} x {counts[2]} voxels needs more than 16 GB: raise spacing_m"
+            )
+        return cls(*(low[i] + np.arange(counts[i]) * spacing_m for i in range(3)))
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Voxel counts (X, Y, Z)."""
+        return len(self.x), len(self.y), len(self.z)

@@ -1,0 +1,217 @@
+"""The fast kernel: the surface sum factorised between cells of samples and tiles of antennas.
+
+Over a tile of antennas the echo of a compact cell, freed of the carrier to the cell's centre, is a
+smooth function of the antenna's position. So it is evaluated at a few Chebyshev nodes of the tile
+only (stage 1), interpolated to the antennas (stage 2, a matrix product), given the exact carrier
+phase back and dropped into coarse range bins (stage 3), and turned into the T samples (stage 4, a
+matrix product). What varies over the band inside a cell and a bin is carried by four moments in
+range, so neither the bin width nor the cell size shows in the result: every step has the error bound
+of `interpolation.points_for_phase`.
+
+The NumPy float64 twin is `reference.factorised_echo`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import numpy as np
+from drjit.llvm.ad import Array3f, Array4f, Float, UInt32
+from numpy.typing import NDArray
+
+from waveformer.simulator.device import to_device, to_device_vectors
+from waveformer.simulator.echo_terms import echo, leg, phasor
+from waveformer.simulator.range_bins import NUM_MOMENTS, RangeBins
+
+def cell_moments(
+    samples: Float,
+    members: UInt32,
+    first: UInt32,
+    last: UInt32,
+    transmitters: NDArray[np.float64],
+    receivers: NDArray[np.float64] | None,
+    ranges: RangeBins,
+    two_sided: bool,
+) -> NDArray[np.float32]:
+    """Stage 1: moments of every cell's echo at every node position.
+
+    A lane is one (node, cell) pair and loops over the samples of the cell.
+
+    Args:
+        samples: table of 8 floats a sample: offset from the cell centre, normal, area, taper.
+        members: sample indices, the lit ones of every cell together.
+        first, last: range of `members` of every lane.
+        transmitters, receivers: node position minus cell centre of every lane, (lanes, 3); receivers
+            None means monostatic.
+        ranges: the carrier's wavelength and X, the scale of the moments.
+        two_sided: see `echo_terms.echo`.
+
+    Returns:
+        Real and imaginary part of the moments sum g exp(-2 j k_c rho) (rho / X)^i,
+        shape (2 * NUM_MOMENTS, lanes).
+    """
+    transmit = to_device_vectors(transmitters)
+    transmit_range = to_device(np.linalg.norm(transmitters, axis=1))
+    receive = None if receivers is None else to_device_vectors(receivers)
+    receive_range = None if receivers is None else to_device(np.linalg.norm(receivers, axis=1))
+    turns_per_metre = dr.opaque(Float, -2.0 / ranges.wavelength_m)
+    inverse_scale = dr.opaque(Float, 1.0 / ranges.moment_scale_m)
+
+    def body(index: UInt32, *sums: Float) -> tuple[Any, ...]:
+        member = dr.gather(UInt32, members, index)
+        head = dr.gather(Array4f, samples, 2 * member)
+        tail = dr.gather(Array4f, samples, 2 * member + 1)
+        point, normal = Array3f(head.x, head.y, head.z), Array3f(head.w, tail.x, tail.y)
+        back = None if receive is None else leg(receive, receive_range, point, normal)
+        amplitude, excess = echo(
+            leg(transmit, transmit_range, point, normal), back, tail.z, tail.w, two_sided
+        )
+        real, imaginary = phasor(excess * turns_per_metre)
+        real, imaginary = real * amplitude, imaginary * amplitude
+        power = excess * inverse_scale
+        updated: list[Any] = [index + 1]
+        for moment in range(NUM_MOMENTS):
+            updated += [sums[2 * moment] + real, sums[2 * moment + 1] + imaginary]
+            real, imaginary = real * power, imaginary * power
+        return tuple(updated)
+
+    zeros = [dr.zeros(Float, dr.width(first)) for _ in range(2 * NUM_MOMENTS)]
+    state = dr.while_loop(
+        state=(UInt32(first), *zeros), cond=lambda index, *_: index < last, body=body, label="cell_moments"
+    )
+    dr.eval(state)  # all sums in one launch
+    return np.stack([value.numpy() for value in state[1:]])
+
+
+class Antennas:
+    """Device tables of the antennas of one tile, relative to a reference point.
+
+    Args:
+        transmitters, receivers: positions minus reference point (n, 3); receivers None means monostatic.
+    """
+
+    def __init__(self, transmitters: NDArray[np.float64], receivers: NDArray[np.float64] | None) -> None:
+        self.count = len(transmitters)
+        self._sides = [
+            (to_device(side), to_device(np.linalg.norm(side, axis=1)))
+            for side in (transmitters, receivers)
+            if side is not None
+        ]
+
+    def at(self, row: UInt32) -> list[tuple[Any, Any]]:
+        """(position, range) of every side for the antenna of each lane."""
+        return [(dr.gather(Array3f, p, row), dr.gather(Float, r, row)) for p, r in self._sides]
+
+    def excess_m(self, row: UInt32, point: Any) -> Any:
+        """Half of the path difference between `point` and the reference point."""
+        total = None
+        for position, range_m in self.at(row):
+            difference = dr.squared_norm(point) - 2.0 * dr.dot(position, point)
+            excess = difference * dr.rcp(dr.sqrt(range_m * range_m + difference) + range_m)
+            total = excess if total is None else 0.5 * (total + excess)
+        return total
+
+
+def deposit_cells(
+    bins: Float,
+    ranges: RangeBins,
+    moments: NDArray[np.float32],
+    antennas: Antennas,
+    cells: UInt32,
+    centers: Float,
+) -> None:
+    """Stage 3: give every cell its carrier to every antenna and add it to that antenna's range bins.
+
+    A lane is one (antenna, cell) pair; its moments are shifted from the cell's centre to the bin's.
+    The adjoint is `kernel_points.collect_cells`.
+
+    Args:
+        bins: (antennas * num_bins * 2 * NUM_MOMENTS) accumulators.
+        ranges: the range bins.
+        moments: interpolated moments, antenna-major, (2 * NUM_MOMENTS, antennas * cells).
+        antennas: relative to the reference point of `ranges`.
+        cells: rows of `centers` that `moments` holds.
+        centers: table of 3 floats a cell, relative to the same point.
+    """
+    lane, row, column = antenna_lanes(antennas.count, dr.width(cells))
+    excess = antennas.excess_m(row, dr.gather(Array3f, centers, dr.gather(UInt32, cells, column)))
+    bin_index, offset = bin_of(excess, ranges)
+    real, imaginary = phasor(excess * dr.opaque(Float, -2.0 / ranges.wavelength_m))
+    packed = [dr.gather(Float, to_device(moment), lane) for moment in moments]
+    rotated = [
+        (packed[2 * i] * real - packed[2 * i + 1] * imaginary, packed[2 * i] * imaginary + packed[2 * i + 1] * real)
+        for i in range(NUM_MOMENTS)
+    ]
+    shifted = [_shifted([value[part] for value in rotated], offset) for part in range(2)]
+    _add_to_bins(
+        bins, row * dr.opaque(UInt32, ranges.count) + bin_index, list(zip(*shifted, strict=True)), dr.mask_t(Float)(True)
+    )
+
+
+def deposit_samples(
+    bins: Float,
+    ranges: RangeBins,
+    samples: Float,
+    members: UInt32,
+    antennas: Antennas,
+    leaf: UInt32,
+    visible: Float,
+    two_sided: bool,
+) -> None:
+    """The few samples whose visibility changes inside a tile: pair by pair into the same bins.
+
+    Args:
+        bins, ranges, antennas: as in `deposit_cells`.
+        samples: table of 8 floats a sample, offset from the reference point.
+        members: rows of `samples` to sum.
+        leaf: visibility leaf of every antenna.
+        visible: 1 or 0 for every (leaf, member).
+        two_sided: see `echo_terms.echo`.
+    """
+    _, row, column = antenna_lanes(antennas.count, dr.width(members))
+    seen = dr.gather(Float, visible, dr.gather(UInt32, leaf, row) * dr.opaque(UInt32, dr.width(members)) + column)
+    member = dr.gather(UInt32, members, column)
+    head, tail = dr.gather(Array4f, samples, 2 * member), dr.gather(Array4f, samples, 2 * member + 1)
+    point, normal = Array3f(head.x, head.y, head.z), Array3f(head.w, tail.x, tail.y)
+    legs = [leg(position, range_m, point, normal) for position, range_m in antennas.at(row)]
+    amplitude, excess = echo(legs[0], legs[1] if len(legs) > 1 else None, tail.z, tail.w, two_sided)
+    bin_index, offset = bin_of(excess, ranges)
+    real, imaginary = phasor(excess * dr.opaque(Float, -2.0 / ranges.wavelength_m))
+    moments = [(real * amplitude, imaginary * amplitude)]
+    for _ in range(NUM_MOMENTS - 1):
+        moments.append((moments[-1][0] * offset, moments[-1][1] * offset))
+    _add_to_bins(bins, row * dr.opaque(UInt32, ranges.count) + bin_index, moments, (seen > 0) & (amplitude != 0))
+
+
+def antenna_lanes(num_antennas: int, num_columns: int) -> tuple[UInt32, UInt32, UInt32]:
+    """Lane, antenna row and column of every (antenna, column) pair, antenna-major."""
+    lane = dr.arange(UInt32, num_antennas * num_columns)
+    row = lane // dr.opaque(UInt32, num_columns)
+    return lane, row, lane - row * dr.opaque(UInt32, num_columns)
+
+
+def _add_to_bins(bins: Float, index: UInt32, moments: list[tuple[Any, Any]], active: Any) -> None:
+    """Add four complex moments to bin `index`; Dr.Jit scatters packets of four floats."""
+    for half in range(2):
+        packet = Array4f(*moments[2 * half], *moments[2 * half + 1])
+        dr.scatter_reduce(dr.ReduceOp.Add, bins, packet, 2 * index + half, active)
+
+
+def bin_of(excess_m: Any, ranges: RangeBins) -> tuple[Any, Any]:
+    """Nearest bin and the signed distance from its centre in units of the moment scale."""
+    nearest = dr.round(excess_m * dr.opaque(Float, 1.0 / ranges.width_m))
+    offset = (excess_m - nearest * dr.opaque(Float, ranges.width_m)) * dr.opaque(Float, 1.0 / ranges.moment_scale_m)
+    return UInt32(nearest + dr.opaque(Float, ranges.count // 2)), offset
+
+
+def _shifted(moments: list[Any], offset: Any) -> list[Any]:
+    """Moments about a point at distance -offset: sum_j C(i, j) offset^(i-j) m_j."""
+    m0, m1, m2, m3 = moments
+    first = m1 + offset * m0
+    return [
+        m0,
+        first,
+        m2 + offset * (m1 + first),
+        m3 + offset * (3.0 * m2 + offset * (3.0 * m1 + offset * m0)),
+    ]

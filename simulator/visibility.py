@@ -1,0 +1,107 @@
+"""Which samples each tile of the aperture sees: wholly, not at all, or from some of its leaves."""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from waveformer.simulator.quadrature import SurfaceSamples, take
+from waveformer.simulator.radar import Aperture
+from waveformer.simulator.scene import BLOCKED, VISIBLE, sample_states
+from waveformer.simulator.subapertures import Tile, corner_rows, probe_rows
+
+
+@dataclass(frozen=True)
+class TileVisibility:
+    """What one tile sees.
+
+    Attributes:
+        lit: samples that all of the tile sees, increasing, shape (L,).
+        partial: samples that only some leaves see, increasing, shape (P,).
+        partial_visible: what every leaf of the tile sees of them, shape (leaves, P).
+    """
+
+    lit: NDArray[np.int64]
+    partial: NDArray[np.int64]
+    partial_visible: NDArray[np.bool_]
+
+
+def _sort(states: NDArray[np.uint8]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Samples (columns) that all rows see, where they face at all, and samples the rows disagree on."""
+    visible, blocked = (states == VISIBLE).any(axis=0), (states == BLOCKED).any(axis=0)
+    return np.flatnonzero(visible & ~blocked), np.flatnonzero(visible & blocked)
+
+
+class VisibilityMap:
+    """Visibility of one target's samples over the aperture, probed coarsely and refined on demand.
+
+    Args:
+        scene: Mitsuba scene of all targets (mutual shadowing).
+        samples: S samples of the target in the radar frame.
+        two_sided: see `SurfaceMesh`.
+        aperture: N pairs.
+        probe_spacing_m: extent of a sub-aperture of the first pass.
+    """
+
+    def __init__(
+        self, scene: Any, samples: SurfaceSamples, two_sided: bool, aperture: Aperture, probe_spacing_m: float
+    ) -> None:
+        self._scene, self._samples, self._two_sided, self._aperture = scene, samples, two_sided, aperture
+        self._centers = 0.5 * (aperture.tx_m + aperture.receivers_m)
+        self._spacing_m = probe_spacing_m
+        self._probes = probe_rows(aperture, probe_spacing_m)
+        self._states = self._test(self._probes)
+
+    def select(self, index: NDArray[np.int64]) -> VisibilityMap:
+        """The map of the samples at `index`, without new rays."""
+        selected = copy(self)
+        selected._samples = take(self._samples, index)
+        selected._states = self._states[:, index]
+        return selected
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """Samples seen from at least one probe, shape (S,)."""
+        return np.asarray((self._states == VISIBLE).any(axis=0))
+
+    def of_tile(self, tile: Tile) -> TileVisibility:
+        """Sort the samples by what the tile sees, with rays from its leaves where the probes disagree."""
+        lit, mixed = _sort(self._states[self._near(tile)])
+        # most of what the surroundings disagree on is unanimous inside the tile
+        corners = tile.rows[corner_rows(self._centers[tile.rows])]
+        also_lit, mixed_here = _sort(self._test_members(corners, mixed))
+        lit, mixed = np.concatenate([lit, mixed[also_lit]]), mixed[mixed_here]
+        states = self._test_members(tile.leaf_rows, mixed)
+        whole = (states != BLOCKED).all(axis=0)
+        partial = ~whole & (states == VISIBLE).any(axis=0)
+        return TileVisibility(
+            np.sort(np.concatenate([lit, mixed[whole]])), mixed[partial], states[:, partial] == VISIBLE
+        )
+
+    def _test_members(self, rows: NDArray[np.int64], members: NDArray[np.int64]) -> NDArray[np.uint8]:
+        sample_row, position_row = np.tile(members, len(rows)), np.repeat(np.arange(len(rows)), len(members))
+        return self._test(rows, sample_row, position_row).reshape(len(rows), len(members))
+
+    def _near(self, tile: Tile) -> NDArray[np.int64]:
+        """Probes inside the tile's bounding box grown by one spacing, at least the nearest one."""
+        group = self._centers[tile.rows]
+        probes = self._centers[self._probes]
+        outside = np.maximum(group.min(axis=0) - probes, probes - group.max(axis=0)).max(axis=1)
+        return np.flatnonzero(outside <= max(0.75 * self._spacing_m, float(outside.min())))
+
+    def _test(
+        self,
+        rows: NDArray[np.int64],
+        sample_row: NDArray[np.int64] | None = None,
+        position_row: NDArray[np.int64] | None = None,
+    ) -> NDArray[np.uint8]:
+        receivers = self._aperture.rx_m
+        return sample_states(
+            self._scene, self._samples.points_m, self._samples.normals, self._two_sided,
+            self._aperture.tx_m[rows], None if receivers is None else receivers[rows],
+            sample_row, position_row,
+        )
