@@ -156,9 +156,9 @@ def _decibel(magnitude: NDArray[Any], reference: float) -> NDArray[np.float64]:
 def _edges(centers: NDArray[np.float64]) -> NDArray[np.float64]:
     """Cell borders (n + 1,) around increasing cell centres (n,)."""
     if len(centers) == 1:
-        return centers[0] + np.array([-0.05, 0.05])
+        return np.array([centers[0] - 0.05, centers[0] + 0.05])
     middle = (centers[1:] + centers[:-1]) / 2
-    return np.concatenate((2 * centers[:1] - middle[:1], middle, 2 * centers[-1:] - middle[-1:]))
+    return np.asarray(np.concatenate([2 * centers[:1] - middle[:1], middle, 2 * centers[-1:] - middle[-1:]]))
 
 
 def _draw_silhouette(panel: Axes, triangles: NDArray[np.float64]) -> None:

@@ -94,7 +94,7 @@ def save_layers(layers: Iterable[Layer], path: str | os.PathLike[str]) -> None:
         arrays[f"{i}.vertices_m"] = layer.vertices_m
         arrays[f"{i}.faces"] = layer.faces
         arrays[f"{i}.style"] = np.array([layer.name, layer.color, str(layer.opacity)])
-    np.savez(Path(path), **arrays)  # type: ignore[arg-type]  # NumPy's stub takes the names for its own options
+    np.savez(Path(path), **arrays)  # type: ignore[arg-type]  # the stub knows allow_pickle only
 
 
 def load_layers(path: str | os.PathLike[str]) -> list[Layer]:

@@ -21,7 +21,8 @@ _FALLBACK_MAX_FACES = 20_000  # matplotlib sorts every face in Python
 # No browser may load anything from elsewhere on behalf of the file, whatever the plotting library does.
 _CONTENT_POLICY = (
     '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; '
-    "script-src 'unsafe-inline' 'unsafe-eval'; style-src 'unsafe-inline'; img-src data: blob:; worker-src blob:\">"
+    "script-src 'unsafe-inline' 'unsafe-eval'; style-src 'unsafe-inline'; img-src data: blob:; "
+    'worker-src blob:">'
 )
 
 
@@ -81,7 +82,7 @@ def export_html(layers: Sequence[Layer], path: str | os.PathLike[str]) -> None:
         title="Turn: drag. Zoom: wheel. Hide a layer: click its name.",
         scene={
             "aspectmode": "data",
-            "camera": {"eye": {"x": 1.5, "y": -1.9, "z": 0.6}},
+            "camera": {"eye": {"x": 1.7, "y": -2.2, "z": 0.7}},
             **{f"{axis}axis": {"title": {"text": f"{axis} [cm]"}} for axis in "xyz"},
         },
         legend={"x": 0, "y": 1, "itemsizing": "constant"},

@@ -26,7 +26,23 @@ _PUBLIC = {
     "simulate_points": "points",
 }
 
-__all__ = sorted(_PUBLIC)
+__all__ = [
+    "Aperture",
+    "Chirp",
+    "Grid",
+    "Image",
+    "Material",
+    "Measurement",
+    "MeshError",
+    "RadarError",
+    "StoreError",
+    "Target",
+    "WaveformerError",
+    "backproject",
+    "load_mesh",
+    "simulate",
+    "simulate_points",
+]
 
 
 def __getattr__(name: str) -> Any:

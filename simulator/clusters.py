@@ -46,6 +46,21 @@ def group_into_cells(points_m: NDArray[np.float64], edge_m: float) -> Cells:
     return Cells(order, np.append(starts, len(order)), centers, radius)
 
 
+def group_by_lattice(positions: NDArray[np.float64], spacing: float) -> NDArray[np.int64]:
+    """Number the occupied cells of the coarsest lattice over positions (N, D) with cells up to `spacing`.
+
+    Returns:
+        Cell number of every position, 0 .. number of occupied cells - 1, shape (N,).
+    """
+    low, side = positions.min(axis=0), np.ptp(positions, axis=0)
+    counts = np.maximum(1, np.ceil(side / spacing - 1e-9)).astype(np.int64)
+    scaled = (positions - low) / np.where(side > 0, side, 1.0) * counts
+    lattice = np.minimum(scaled.astype(np.int64), counts - 1)
+    return np.asarray(
+        np.unique(np.ravel_multi_index(tuple(lattice.T), tuple(counts)), return_inverse=True)[1]
+    )
+
+
 def group_into_tiles(
     positions: NDArray[np.float64], max_count: int, max_extent_m: float
 ) -> list[NDArray[np.int64]]:

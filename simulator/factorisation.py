@@ -47,7 +47,9 @@ def factorise(
     Returns:
         The plan, and the order in which it holds the given samples.
     """
-    cells = group_into_cells(samples.points_m, CELL_EDGE_WAVELENGTHS * SPEED_OF_LIGHT_M_PER_S / chirp.center_hz)
+    cells = group_into_cells(
+        samples.points_m, CELL_EDGE_WAVELENGTHS * SPEED_OF_LIGHT_M_PER_S / chirp.center_hz
+    )
     ordered = take(samples, cells.order)
     center = 0.5 * (ordered.points_m.min(axis=0) + ordered.points_m.max(axis=0))
     radius = float(np.sqrt(((ordered.points_m - center) ** 2).sum(axis=1).max()))

@@ -166,8 +166,7 @@ def _tile_bins(
             tables.in_target,
             to_device_index(partial),
             antennas,
-            to_device_index(work.tile.leaf),
-            to_device(work.visibility.partial_visible),
+            to_device(work.tile.ray_weights @ work.visibility.partial_visible),
             two_sided,
         )
     flat = np.ascontiguousarray(bins.numpy(), dtype=np.float32)

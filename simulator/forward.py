@@ -17,7 +17,7 @@ from waveformer.simulator.numerics import Numerics, resolve_numerics
 from waveformer.simulator.quadrature import faces_that_can_face, sample_surface
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Aperture, Chirp
 from waveformer.simulator.runtime import activate
-from waveformer.simulator.target import Target, as_targets
+from waveformer.simulator.target import Target, as_targets, rotate
 
 # A surface nearer than this to an antenna lies in its reactive field, where k R is not large.
 MIN_DISTANCE_WAVELENGTHS = 5.0
@@ -88,7 +88,9 @@ def simulate(
     scene = build_scene([(item.vertices_m, item.mesh.faces) for item in placed])
     h = np.zeros((len(aperture), chirp.num_samples), dtype=np.complex64)
     for index, item in enumerate(placed):
-        _add_echo(h, scene, item, chirp, aperture, numerics, tile_positions, _share(progress, index, len(placed)))
+        _add_echo(
+            h, scene, item, chirp, aperture, numerics, tile_positions, _share(progress, index, len(placed))
+        )
     metadata = {
         "targets": [_describe(item) for item in placed],
         "numerics": numerics.model_dump(),
@@ -114,8 +116,11 @@ def _add_echo(
 
     pose = item.target.pose
     keep = faces_that_can_face(
-        item.vertices_m[item.mesh.faces], item.mesh.normals @ pose[:3, :3].T, item.mesh.two_sided,
-        aperture.tx_m, aperture.receivers_m,
+        item.vertices_m[item.mesh.faces],
+        rotate(item.mesh.normals, pose),
+        item.mesh.two_sided,
+        aperture.tx_m,
+        aperture.receivers_m,
     )
     if not keep.any():
         return
@@ -141,7 +146,7 @@ def _add_echo(
 def _place(target: Target, chirp: Chirp, aperture: Aperture) -> PlacedTarget:
     """Load a target into the radar frame and check that the radar can see it."""
     mesh = target.mesh if isinstance(target.mesh, SurfaceMesh) else load_mesh(target.mesh)
-    vertices = mesh.vertices_m @ target.pose[:3, :3].T + target.pose[:3, 3]
+    vertices = rotate(mesh.vertices_m, target.pose) + target.pose[:3, 3]
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     antennas = aperture.tx_m if aperture.rx_m is None else np.concatenate([aperture.tx_m, aperture.rx_m])
     lowest = float(antennas[:, 2].min())

@@ -42,7 +42,9 @@ class Grid:
         """
         low, high = np.asarray(min_m, float), np.asarray(max_m, float)
         if low.shape != (3,) or high.shape != (3,) or not (high >= low).all():
-            raise RadarError(f"grid box needs min_m <= max_m, each of shape (3,), got {min_m} and {max_m}")
+            raise RadarError(
+                f"grid box needs min_m <= max_m, each of shape (3,), got {min_m!r} and {max_m!r}"
+            )
         if not (np.isfinite(spacing_m) and spacing_m > 0):
             raise RadarError(f"grid spacing_m must be positive metres, got {spacing_m!r}")
         counts = np.floor((high - low) / spacing_m + 1e-9).astype(int) + 1

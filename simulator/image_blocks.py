@@ -85,7 +85,9 @@ class BlockOperator:
 
     def _antennas(self, tile: Tile) -> Antennas:
         center, rx = self._block.ranges.center_m, self._aperture.rx_m
-        return Antennas(self._aperture.tx_m[tile.rows] - center, None if rx is None else rx[tile.rows] - center)
+        return Antennas(
+            self._aperture.tx_m[tile.rows] - center, None if rx is None else rx[tile.rows] - center
+        )
 
 
 def _nodes(tile: Tile) -> list[NDArray[np.float64]]:

@@ -102,7 +102,9 @@ def backproject(
     return image
 
 
-def project(image: NDArray[np.complex64], grid: Grid, chirp: Chirp, aperture: Aperture) -> NDArray[np.complex64]:
+def project(
+    image: NDArray[np.complex64], grid: Grid, chirp: Chirp, aperture: Aperture
+) -> NDArray[np.complex64]:
     """Echo of voxels of unit gain: the operator that `backproject` is the adjoint of.
 
     No spreading, no antenna: h[n, t] = sum_v image[v] exp(-j 4 pi f_t R_nv / c).
@@ -163,9 +165,7 @@ def _block(
     order = np.argsort(cell.reshape(-1), kind="stable")
     cell = cell.reshape(-1)[order]
     points = np.stack(np.meshgrid(*coordinates, indexing="ij"), axis=-1).reshape(-1, 3)[order]
-    middles = [
-        0.5 * (axis[cut[:-1]] + axis[cut[1:] - 1]) for axis, cut in zip(axes, cuts, strict=True)
-    ]
+    middles = [0.5 * (axis[cut[:-1]] + axis[cut[1:] - 1]) for axis, cut in zip(axes, cuts, strict=True)]
     centers = np.stack(np.meshgrid(*middles, indexing="ij"), axis=-1).reshape(-1, 3)
     offsets = points - centers[cell]
     cell_radius = float(np.linalg.norm(offsets, axis=1).max())

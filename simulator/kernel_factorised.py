@@ -24,6 +24,7 @@ from waveformer.simulator.device import to_device, to_device_vectors
 from waveformer.simulator.echo_terms import echo, leg, phasor
 from waveformer.simulator.range_bins import NUM_MOMENTS, RangeBins
 
+
 def cell_moments(
     samples: Float,
     members: UInt32,
@@ -140,12 +141,18 @@ def deposit_cells(
     real, imaginary = phasor(excess * dr.opaque(Float, -2.0 / ranges.wavelength_m))
     packed = [dr.gather(Float, to_device(moment), lane) for moment in moments]
     rotated = [
-        (packed[2 * i] * real - packed[2 * i + 1] * imaginary, packed[2 * i] * imaginary + packed[2 * i + 1] * real)
+        (
+            packed[2 * i] * real - packed[2 * i + 1] * imaginary,
+            packed[2 * i] * imaginary + packed[2 * i + 1] * real,
+        )
         for i in range(NUM_MOMENTS)
     ]
     shifted = [_shifted([value[part] for value in rotated], offset) for part in range(2)]
     _add_to_bins(
-        bins, row * dr.opaque(UInt32, ranges.count) + bin_index, list(zip(*shifted, strict=True)), dr.mask_t(Float)(True)
+        bins,
+        row * dr.opaque(UInt32, ranges.count) + bin_index,
+        list(zip(*shifted, strict=True)),
+        dr.mask_t(Float)(True),
     )
 
 
@@ -155,7 +162,6 @@ def deposit_samples(
     samples: Float,
     members: UInt32,
     antennas: Antennas,
-    leaf: UInt32,
     visible: Float,
     two_sided: bool,
 ) -> None:
@@ -165,23 +171,23 @@ def deposit_samples(
         bins, ranges, antennas: as in `deposit_cells`.
         samples: table of 8 floats a sample, offset from the reference point.
         members: rows of `samples` to sum.
-        leaf: visibility leaf of every antenna.
-        visible: 1 or 0 for every (leaf, member).
+        visible: 0 .. 1 for every (antenna, member).
         two_sided: see `echo_terms.echo`.
     """
-    _, row, column = antenna_lanes(antennas.count, dr.width(members))
-    seen = dr.gather(Float, visible, dr.gather(UInt32, leaf, row) * dr.opaque(UInt32, dr.width(members)) + column)
+    lane, row, column = antenna_lanes(antennas.count, dr.width(members))
+    seen = dr.gather(Float, visible, lane)
     member = dr.gather(UInt32, members, column)
     head, tail = dr.gather(Array4f, samples, 2 * member), dr.gather(Array4f, samples, 2 * member + 1)
     point, normal = Array3f(head.x, head.y, head.z), Array3f(head.w, tail.x, tail.y)
     legs = [leg(position, range_m, point, normal) for position, range_m in antennas.at(row)]
     amplitude, excess = echo(legs[0], legs[1] if len(legs) > 1 else None, tail.z, tail.w, two_sided)
+    amplitude = amplitude * seen
     bin_index, offset = bin_of(excess, ranges)
     real, imaginary = phasor(excess * dr.opaque(Float, -2.0 / ranges.wavelength_m))
     moments = [(real * amplitude, imaginary * amplitude)]
     for _ in range(NUM_MOMENTS - 1):
         moments.append((moments[-1][0] * offset, moments[-1][1] * offset))
-    _add_to_bins(bins, row * dr.opaque(UInt32, ranges.count) + bin_index, moments, (seen > 0) & (amplitude != 0))
+    _add_to_bins(bins, row * dr.opaque(UInt32, ranges.count) + bin_index, moments, amplitude != 0)
 
 
 def antenna_lanes(num_antennas: int, num_columns: int) -> tuple[UInt32, UInt32, UInt32]:
@@ -201,7 +207,9 @@ def _add_to_bins(bins: Float, index: UInt32, moments: list[tuple[Any, Any]], act
 def bin_of(excess_m: Any, ranges: RangeBins) -> tuple[Any, Any]:
     """Nearest bin and the signed distance from its centre in units of the moment scale."""
     nearest = dr.round(excess_m * dr.opaque(Float, 1.0 / ranges.width_m))
-    offset = (excess_m - nearest * dr.opaque(Float, ranges.width_m)) * dr.opaque(Float, 1.0 / ranges.moment_scale_m)
+    offset = (excess_m - nearest * dr.opaque(Float, ranges.width_m)) * dr.opaque(
+        Float, 1.0 / ranges.moment_scale_m
+    )
     return UInt32(nearest + dr.opaque(Float, ranges.count // 2)), offset
 
 

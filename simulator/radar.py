@@ -61,12 +61,13 @@ class Chirp:
     @cached_property
     def frequencies_hz(self) -> NDArray[np.float64]:
         """Frequency of every sample, shape (T,)."""
-        return self.start_hz + np.arange(self.num_samples) * (self.bandwidth_hz / self.num_samples)
+        steps = np.arange(self.num_samples, dtype=np.float64)
+        return np.asarray(self.start_hz + steps * (self.bandwidth_hz / self.num_samples), dtype=np.float64)
 
     @property
     def wavelengths_m(self) -> NDArray[np.float64]:
         """Wavelength of every sample, shape (T,)."""
-        return SPEED_OF_LIGHT_M_PER_S / self.frequencies_hz
+        return np.asarray(SPEED_OF_LIGHT_M_PER_S / self.frequencies_hz)
 
     @property
     def center_hz(self) -> float:

@@ -61,7 +61,9 @@ def reference_phase(
 ) -> NDArray[np.complex64]:
     """exp(-j 2 pi f_t path / c) to the reference point, float64 inside, shape (n, T)."""
     path = np.linalg.norm(aperture.tx_m[rows] - center_m, axis=1)
-    path = path + (path if aperture.is_monostatic else np.linalg.norm(aperture.receivers_m[rows] - center_m, axis=1))
+    path = path + (
+        path if aperture.is_monostatic else np.linalg.norm(aperture.receivers_m[rows] - center_m, axis=1)
+    )
     # exp is the cost here: T values from a fine and a coarse ladder of about sqrt(T) values each
     step = -2.0 * np.pi * chirp.bandwidth_hz / chirp.num_samples / SPEED_OF_LIGHT_M_PER_S * path
     start = -2.0 * np.pi * chirp.start_hz / SPEED_OF_LIGHT_M_PER_S * path
@@ -69,4 +71,4 @@ def reference_phase(
     fine = np.exp(1j * (start[:, None] + step[:, None] * np.arange(fine_count)))
     coarse = np.exp(1j * step[:, None] * (fine_count * np.arange(-(-chirp.num_samples // fine_count))))
     ladder = (coarse[:, :, None] * fine[:, None, :]).reshape(len(rows), -1)
-    return ladder[:, : chirp.num_samples].astype(np.complex64)
+    return np.asarray(ladder[:, : chirp.num_samples], dtype=np.complex64)

@@ -69,14 +69,26 @@ def sample_states(
         for start in range(0, len(tx_m), rows_per_launch):
             rows = np.arange(start, min(start + rows_per_launch, len(tx_m)))
             states[rows] = _pair_states(
-                scene, points_m, normals, two_sided, tx_m, rx_m,
-                np.tile(every_sample, len(rows)), np.repeat(rows, len(points_m)),
+                scene,
+                points_m,
+                normals,
+                two_sided,
+                tx_m,
+                rx_m,
+                np.tile(every_sample, len(rows)),
+                np.repeat(rows, len(points_m)),
             ).reshape(len(rows), -1)
         return states
     parts = [
         _pair_states(
-            scene, points_m, normals, two_sided, tx_m, rx_m,
-            sample_row[start : start + _LANES_PER_LAUNCH], position_row[start : start + _LANES_PER_LAUNCH],
+            scene,
+            points_m,
+            normals,
+            two_sided,
+            tx_m,
+            rx_m,
+            sample_row[start : start + _LANES_PER_LAUNCH],
+            position_row[start : start + _LANES_PER_LAUNCH],
         )
         for start in range(0, len(sample_row), _LANES_PER_LAUNCH)
     ]
@@ -115,4 +127,3 @@ def _pair_states(
         free &= ~scene.ray_test(ray, facing)
     state = dr.select(facing, dr.select(free, mi.UInt32(VISIBLE), BLOCKED), BACK_FACING)
     return np.asarray(state.numpy(), dtype=np.uint8)
-

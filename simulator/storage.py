@@ -67,14 +67,21 @@ def publish_file(path: str | os.PathLike[str], *, overwrite: bool = False) -> It
     """Like `publish` for a single file, e.g. a picture; yields a temporary path with the same suffix."""
     check_file_writable(path, overwrite)
     target = Path(os.path.realpath(path))
-    target.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(
-        prefix=f".{target.name}.", suffix=".partial", dir=target.parent
-    ) as folder:
-        temporary = Path(folder) / target.name
-        yield temporary
-        _flush(temporary)
-        os.replace(temporary, target)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with (
+            _terminate_as_exit(),
+            tempfile.TemporaryDirectory(
+                prefix=f".{target.name}.", suffix=".partial", dir=target.parent
+            ) as folder,
+        ):
+            temporary = Path(folder) / target.name
+            yield temporary
+            _flush(temporary)
+            os.replace(temporary, target)
+            _flush(target.parent)
+    except OSError as error:
+        raise StoreError(f"cannot write {path}: {error.strerror or error}") from error
 
 
 def check_writable(

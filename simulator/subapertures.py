@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from waveformer.simulator.clusters import group_into_tiles
+from waveformer.simulator.clusters import group_by_lattice, group_into_tiles
 from waveformer.simulator.interpolation import chebyshev_points, lagrange_weights, points_for_phase
 from waveformer.simulator.radar import Aperture
 
@@ -24,19 +24,21 @@ class Tile:
         node_tx_m: transmitter positions of the nodes, shape (M, 3).
         node_rx_m: receiver positions, shape (M, 3); None when monostatic.
         weights: interpolation from nodes to rows, shape (n, M); None if every row is its own node.
-        leaf: visibility leaf of every row, shape (n,).
-        leaf_rows: the row that represents every leaf, shape (L,).
+        ray_tx_m, ray_rx_m: positions from which visibility is traced, shape (L, 3); ray_rx_m None when
+            monostatic.
+        ray_weights: interpolation from them to the rows, shape (n, L).
     """
 
     rows: NDArray[np.int64]
     node_tx_m: NDArray[np.float64]
     node_rx_m: NDArray[np.float64] | None
     weights: NDArray[np.float32] | None
-    leaf: NDArray[np.int64]
-    leaf_rows: NDArray[np.int64]
+    ray_tx_m: NDArray[np.float64]
+    ray_rx_m: NDArray[np.float64] | None
+    ray_weights: NDArray[np.float32]
 
     def split(self, max_positions: int | None) -> list[Tile]:
-        """Parts with at most `max_positions` rows that keep nodes and leaves, so the echo stays the same."""
+        """Parts with at most `max_positions` rows that keep all nodes, so the echo stays the same."""
         count = len(self.rows)
         if max_positions is None or count <= max_positions:
             return [self]
@@ -44,7 +46,11 @@ class Tile:
         weights = self.weights if self.weights is not None else np.eye(count, dtype=np.float32)
         for start in range(0, count, max_positions):
             piece = slice(start, start + max_positions)
-            parts.append(replace(self, rows=self.rows[piece], leaf=self.leaf[piece], weights=weights[piece]))
+            parts.append(
+                replace(
+                    self, rows=self.rows[piece], weights=weights[piece], ray_weights=self.ray_weights[piece]
+                )
+            )
         return parts
 
 
@@ -64,7 +70,7 @@ def build_tiles(
         cell_radius_m: radius of the cells that the nodes must resolve.
         wavelength_m: shortest wavelength of the chirp.
         tolerance: see `Numerics`.
-        leaf_spacing_m: extent of a visibility leaf.
+        leaf_spacing_m: pitch of the positions from which visibility is traced.
     """
     centers = 0.5 * (aperture.tx_m + aperture.receivers_m)
     max_extent = closest_m * np.radians(MAX_TILE_ANGLE_DEG)
@@ -74,18 +80,17 @@ def build_tiles(
     for group, shift in _groups_of_equal_offset(aperture):
         for members in group_into_tiles(centers[group], MAX_TILE_POSITIONS, max_extent):
             rows = group[members]
-            leaves = group_into_tiles(centers[rows], len(rows), leaf_spacing_m)
-            leaf = np.empty(len(rows), dtype=np.int64)
-            for index, leaf_members in enumerate(leaves):
-                leaf[leaf_members] = index
-            leaf_rows = rows[[_central(centers[rows], leaf_members) for leaf_members in leaves]]
             nodes, weights = _nodes(centers[rows], phase_per_metre, tolerance)
-            receivers = None if aperture.rx_m is None else aperture.rx_m[rows]
-            if weights is None or shift is None:
-                tiles.append(Tile(rows, aperture.tx_m[rows], receivers, None, leaf, leaf_rows))
-            else:
-                receivers = None if receivers is None else nodes + 0.5 * shift
-                tiles.append(Tile(rows, nodes - 0.5 * shift, receivers, weights, leaf, leaf_rows))
+            rays, ray_weights = _ray_positions(centers[rows], leaf_spacing_m)
+            if shift is None:  # no two rows share an offset: every row stands for itself
+                weights, ray_weights = None, np.eye(len(rows), dtype=np.float32)
+            node_tx, node_rx = aperture.tx_m[rows], None if aperture.rx_m is None else aperture.rx_m[rows]
+            ray_tx, ray_rx = node_tx, node_rx
+            if weights is not None and shift is not None:
+                node_tx, node_rx = nodes - 0.5 * shift, None if node_rx is None else nodes + 0.5 * shift
+            if shift is not None:
+                ray_tx, ray_rx = rays - 0.5 * shift, None if ray_rx is None else rays + 0.5 * shift
+            tiles.append(Tile(rows, node_tx, node_rx, weights, ray_tx, ray_rx, ray_weights))
     return tiles
 
 
@@ -129,6 +134,26 @@ def _nodes(
     return grid, weights.astype(np.float32)
 
 
+def _ray_positions(
+    positions: NDArray[np.float64], spacing_m: float
+) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+    """A lattice over a group's bounding box and multilinear weights to its positions.
+
+    Linear interpolation keeps the mean position of a shadow edge right for every antenna; the nearest
+    lattice point would move it by up to half a spacing.
+    """
+    low, side = positions.min(axis=0), np.ptp(positions, axis=0)
+    axes, weights = [], np.ones((len(positions), 1))
+    for axis in range(positions.shape[1]):
+        count = int(np.ceil(side[axis] / spacing_m - 1e-9)) + 1 if side[axis] > 0 else 1
+        axes.append(low[axis] + side[axis] * np.linspace(0.0, 1.0, count))
+        scaled = (positions[:, axis] - low[axis]) / (side[axis] if side[axis] > 0 else 1.0) * (count - 1)
+        along = np.maximum(0.0, 1.0 - np.abs(scaled[:, None] - np.arange(count)))
+        weights = (weights[:, :, None] * along[:, None, :]).reshape(len(positions), -1)
+    lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    return lattice, weights.astype(np.float32)
+
+
 def probe_rows(aperture: Aperture, spacing_m: float) -> NDArray[np.int64]:
     """Rows that sample the aperture for a first look at visibility: group centres and the rim.
 
@@ -140,7 +165,8 @@ def probe_rows(aperture: Aperture, spacing_m: float) -> NDArray[np.int64]:
         Distinct rows, increasing.
     """
     centers = 0.5 * (aperture.tx_m + aperture.receivers_m)
-    rows = [_central(centers, group) for group in group_into_tiles(centers, len(centers), spacing_m)]
+    group = group_by_lattice(centers, spacing_m)
+    rows = [_central(centers, np.flatnonzero(group == i)) for i in range(group.max() + 1)]
     return np.unique([*rows, *corner_rows(centers)])
 
 

@@ -54,10 +54,17 @@ class Target:
         rotation = pose[:3, :3]
         if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6) or np.linalg.det(rotation) < 0:
             raise MeshError(
-                "pose.rigid", "pose must be rigid (a rotation and a translation): scale or mirror the mesh instead"
+                "pose.rigid",
+                "pose must be rigid (a rotation and a translation): scale or mirror the mesh instead",
             )
         pose.setflags(write=False)
         object.__setattr__(self, "pose", pose)
+
+
+def rotate(vectors: NDArray[np.float64], pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Vectors (N, 3) turned by the rotation of a pose (4, 4)."""
+    # einsum: BLAS takes a slow path for a transposed view, and its last bits may depend on threads
+    return np.asarray(np.einsum("ni,ji->nj", vectors, pose[:3, :3]))
 
 
 def as_targets(targets: Any) -> list[Target]:

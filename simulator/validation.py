@@ -56,6 +56,7 @@ def _checks() -> tuple[list[Check], list[Check]]:
 
     per_mode: list[Check] = [
         curved.sphere_monostatic,
+        curved.sphere_under_aperture,
         curved.sphere_pairs,
         curved.sphere_refinement,
         curved.cylinder_broadside,

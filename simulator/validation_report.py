@@ -133,29 +133,34 @@ def _draw_discs(axis: Any, found: list[CheckResult]) -> None:
     for colour, r in zip(_COLOURS * 2, found, strict=False):
         d = r.detail
         if d["radius_m"] not in drawn:
-            axis.plot(100 * d["distance_m"], d["reference"], color="black", lw=0.8)
+            axis.plot(100 * d["reference_x"], d["reference_ratio"], color="black", lw=0.8)
             drawn.add(d["radius_m"])
         label = f"a = {100 * d['radius_m']:g} cm, {r.mode}"
         axis.plot(
-            100 * d["distance_m"], d["measured"], _MARKERS.get(r.mode, "."), color=colour, ms=3, label=label
+            100 * d["distance_m"],
+            d["measured_ratio"],
+            _MARKERS.get(r.mode, "."),
+            color=colour,
+            ms=3,
+            label=label,
         )
     axis.set(title="Discs on their axis; line: exact integral", xlabel="distance, cm", ylabel="|h| / mirror")
 
 
 def _draw_pattern(axis: Any, found: list[CheckResult]) -> None:
-    _draw_on_reference(axis, found, "angle_deg", 1.0)
+    _draw_on_reference(axis, found, 1.0)
     axis.set(title="5 cm plate at 20 m", xlabel="angle off the normal, deg", ylabel="level, dB of the peak")
     axis.set_ylim(bottom=-60)
 
 
 def _draw_cylinder(axis: Any, found: list[CheckResult]) -> None:
-    _draw_on_reference(axis, found, "offset_m", 100.0)
+    _draw_on_reference(axis, found, 100.0)
     axis.axhline(found[0].detail["closed_form_db"], color="grey", ls=":", label="closed form at broadside")
     axis.set(title="Cylinder from its side", xlabel="antenna along the axis, cm", ylabel="|h|, dB")
 
 
 def _draw_edge(axis: Any, found: list[CheckResult]) -> None:
-    _draw_on_reference(axis, found, "offset_m", 100.0)
+    _draw_on_reference(axis, found, 100.0)
     axis.axvline(0, color="grey", lw=0.8)
     axis.set(
         title="Foot point across a plate's edge",
@@ -164,19 +169,14 @@ def _draw_edge(axis: Any, found: list[CheckResult]) -> None:
     )
 
 
-def _draw_on_reference(axis: Any, found: list[CheckResult], key: str, scale: float) -> None:
-    x = scale * np.asarray(found[0].detail[key])
-    axis.plot(x, found[0].detail["reference_db"], color="black", lw=0.8, label="reference")
+def _draw_on_reference(axis: Any, found: list[CheckResult], scale: float) -> None:
+    d = found[0].detail
+    axis.plot(
+        scale * np.asarray(d["reference_x"]), d["reference_db"], color="black", lw=0.8, label="reference"
+    )
     for colour, r in zip(_COLOURS, found, strict=False):
-        marker = _MARKERS.get(r.mode, ".")
-        axis.plot(
-            scale * np.asarray(r.detail[key]),
-            r.detail["measured_db"],
-            marker,
-            color=colour,
-            ms=3,
-            label=r.mode,
-        )
+        marker, x = _MARKERS.get(r.mode, "."), scale * np.asarray(r.detail["x"])
+        axis.plot(x, r.detail["measured_db"], marker, color=colour, ms=3, label=r.mode)
 
 
 def _draw_margins(axis: Any, results: Sequence[CheckResult]) -> None:

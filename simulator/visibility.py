@@ -1,4 +1,4 @@
-"""Which samples each tile of the aperture sees: wholly, not at all, or from some of its leaves."""
+"""Which samples each tile of the aperture sees: wholly, not at all, or in part."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ class TileVisibility:
 
     Attributes:
         lit: samples that all of the tile sees, increasing, shape (L,).
-        partial: samples that only some leaves see, increasing, shape (P,).
-        partial_visible: what every leaf of the tile sees of them, shape (leaves, P).
+        partial: samples that only some of the tile's ray positions see, increasing, shape (P,).
+        partial_visible: 1 or 0 for every ray position and partial sample, shape (L, P).
     """
 
     lit: NDArray[np.int64]
     partial: NDArray[np.int64]
-    partial_visible: NDArray[np.bool_]
+    partial_visible: NDArray[np.float32]
 
 
 def _sort(states: NDArray[np.uint8]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -54,7 +54,8 @@ class VisibilityMap:
         self._centers = 0.5 * (aperture.tx_m + aperture.receivers_m)
         self._spacing_m = probe_spacing_m
         self._probes = probe_rows(aperture, probe_spacing_m)
-        self._states = self._test(self._probes)
+        receivers = None if aperture.rx_m is None else aperture.rx_m[self._probes]
+        self._states = self._test(aperture.tx_m[self._probes], receivers)
 
     def select(self, index: NDArray[np.int64]) -> VisibilityMap:
         """The map of the samples at `index`, without new rays."""
@@ -69,22 +70,31 @@ class VisibilityMap:
         return np.asarray((self._states == VISIBLE).any(axis=0))
 
     def of_tile(self, tile: Tile) -> TileVisibility:
-        """Sort the samples by what the tile sees, with rays from its leaves where the probes disagree."""
+        """Sort the samples by what the tile sees, with its own rays where the probes disagree."""
         lit, mixed = _sort(self._states[self._near(tile)])
         # most of what the surroundings disagree on is unanimous inside the tile
         corners = tile.rows[corner_rows(self._centers[tile.rows])]
-        also_lit, mixed_here = _sort(self._test_members(corners, mixed))
+        receivers = self._aperture.rx_m
+        also_lit, mixed_here = _sort(
+            self._test_members(
+                self._aperture.tx_m[corners], None if receivers is None else receivers[corners], mixed
+            )
+        )
         lit, mixed = np.concatenate([lit, mixed[also_lit]]), mixed[mixed_here]
-        states = self._test_members(tile.leaf_rows, mixed)
+        states = self._test_members(tile.ray_tx_m, tile.ray_rx_m, mixed)
         whole = (states != BLOCKED).all(axis=0)
         partial = ~whole & (states == VISIBLE).any(axis=0)
         return TileVisibility(
-            np.sort(np.concatenate([lit, mixed[whole]])), mixed[partial], states[:, partial] == VISIBLE
+            np.sort(np.concatenate([lit, mixed[whole]])),
+            mixed[partial],
+            (states[:, partial] == VISIBLE).astype(np.float32),
         )
 
-    def _test_members(self, rows: NDArray[np.int64], members: NDArray[np.int64]) -> NDArray[np.uint8]:
-        sample_row, position_row = np.tile(members, len(rows)), np.repeat(np.arange(len(rows)), len(members))
-        return self._test(rows, sample_row, position_row).reshape(len(rows), len(members))
+    def _test_members(
+        self, tx_m: NDArray[np.float64], rx_m: NDArray[np.float64] | None, members: NDArray[np.int64]
+    ) -> NDArray[np.uint8]:
+        sample_row, position_row = np.tile(members, len(tx_m)), np.repeat(np.arange(len(tx_m)), len(members))
+        return self._test(tx_m, rx_m, sample_row, position_row).reshape(len(tx_m), len(members))
 
     def _near(self, tile: Tile) -> NDArray[np.int64]:
         """Probes inside the tile's bounding box grown by one spacing, at least the nearest one."""
@@ -95,13 +105,12 @@ class VisibilityMap:
 
     def _test(
         self,
-        rows: NDArray[np.int64],
+        tx_m: NDArray[np.float64],
+        rx_m: NDArray[np.float64] | None,
         sample_row: NDArray[np.int64] | None = None,
         position_row: NDArray[np.int64] | None = None,
     ) -> NDArray[np.uint8]:
-        receivers = self._aperture.rx_m
+        points, normals = self._samples.points_m, self._samples.normals
         return sample_states(
-            self._scene, self._samples.points_m, self._samples.normals, self._two_sided,
-            self._aperture.tx_m[rows], None if receivers is None else receivers[rows],
-            sample_row, position_row,
+            self._scene, points, normals, self._two_sided, tx_m, rx_m, sample_row, position_row
         )

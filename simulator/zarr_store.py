@@ -116,7 +116,7 @@ def read_store(
         version = int(attributes["schema_version"])
         if version > schema_version:
             raise StoreError(
-                f"{path} has schema version {version}; this waveformer reads up to {schema_version}: upgrade it"
+                f"{path} has schema version {version}; this waveformer reads up to {schema_version}: upgrade"
             )
         digests = attributes.pop("sha256")
         if digests.pop("attributes") != _sha256_json(attributes):
@@ -129,15 +129,13 @@ def read_store(
         raise StoreError(f"{path} is damaged: {reason}") from error
     for name, values in arrays.items():
         if _sha256(values) != digests[name]:
-            raise StoreError(
-                f"{path} is damaged: {name} differs from what was written (a chunk is missing or changed)"
-            )
+            raise StoreError(f"{path} is damaged: {name} differs from what was written (chunk missing?)")
     return arrays, attributes
 
 
 def _sha256(values: NDArray[Any]) -> str:
     contiguous = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<"))
-    return hashlib.sha256(memoryview(contiguous.reshape(-1).view(np.uint8))).hexdigest()
+    return hashlib.sha256(contiguous.reshape(-1).view(np.uint8).data).hexdigest()
 
 
 def _sha256_json(attributes: Mapping[str, Any]) -> str:

@@ -34,15 +34,15 @@ def result(measured=0.1, tolerance=0.25, **detail):
 def curves():
     """One made-up result per panel of the figure."""
     x, level = np.linspace(0.0, 0.1, 5), np.linspace(-3.0, 0.0, 5)
-    compared = {"measured_db": level, "reference_db": level}
+    compared = {"x": x, "measured_db": level, "reference_x": x, "reference_db": level}
     return [
         result(
             kind="sphere", radius_m=0.05, frequency_hz=7.7e10 + x, level_db_low=level, level_db_high=level + 1
         ),
-        result(kind="disc", radius_m=0.03, distance_m=x, measured=level, reference=level, paraxial=level),
-        result(kind="pattern", angle_deg=x, **compared),
-        result(kind="cylinder", offset_m=x, closed_form_db=-1.0, **compared),
-        result(kind="edge", offset_m=x, **compared),
+        result(kind="disc", radius_m=0.03, x=x, measured_ratio=level, reference_x=x, reference_ratio=level),
+        result(kind="pattern", **compared),
+        result(kind="cylinder", closed_form_db=-1.0, **compared),
+        result(kind="edge", **compared),
     ]
 
 

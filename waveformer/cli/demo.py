@@ -123,15 +123,16 @@ def measure(mesh: SurfaceMesh, measurement: Measurement, image: Image) -> dict[s
 def describe(summary: Mapping[str, Any]) -> str:
     """One paragraph on what is seen and why, then where it is."""
     place = ", ".join(f"{100 * value:.1f}" for value in summary["image_peak_m"])
+    specular, bright = 100 * summary["specular_area_fraction"], 100 * summary["bright_area_fraction"]
     text = (
-        f"A {summary['object']} lies {100 * _RANGE_M:.0f} cm below {summary['positions']} antenna positions. Its "
-        f"strongest echo returns {summary['peak_db']:.1f} dB of the transmitted power from "
-        f"{100 * summary['peak_range_m']:.1f} cm; the image peaks at ({place}) cm and is blurred in range by the "
-        f"resolution of the chirp, {100 * summary['range_resolution_m']:.1f} cm. Of the surface, "
-        f"{100 * summary['bright_area_fraction']:.0f} % is brighter than {summary['bright_level_db']:g} dB of that "
-        f"peak. The rest is dark, because at {1000 * summary['wavelength_m']:.1f} mm wavelength a smooth surface is a "
-        f"mirror: it shines only where its normal points back at an antenna, which is so within "
-        f"{summary['tolerance_deg']:g} degrees for {100 * summary['specular_area_fraction']:.1f} % of its area. "
+        f"A {summary['object']} lies {100 * _RANGE_M:.0f} cm below {summary['positions']} antenna positions. "
+        f"Its strongest echo returns {summary['peak_db']:.1f} dB of the transmitted power from "
+        f"{100 * summary['peak_range_m']:.1f} cm; the image peaks at ({place}) cm and is blurred in range by "
+        f"the resolution of the chirp, {100 * summary['range_resolution_m']:.1f} cm. Of the surface, "
+        f"{bright:.0f} % is brighter than {summary['bright_level_db']:g} dB of that peak. The rest is dark, "
+        f"because at {1000 * summary['wavelength_m']:.1f} mm wavelength a smooth surface is a mirror: it "
+        "shines only where its normal points back at an antenna, which is so within "
+        f"{summary['tolerance_deg']:g} degrees for {specular:.1f} % of its area. "
         f"Completing the dark part is what waveformer is for. ({summary['seconds']:.0f} s)"
     )
     return "\n".join([text, *(f"  {name}: {path}" for name, path in summary["paths"].items())])
