@@ -137,7 +137,7 @@ def _draw_discs(axis: Any, found: list[CheckResult]) -> None:
             drawn.add(d["radius_m"])
         label = f"a = {100 * d['radius_m']:g} cm, {r.mode}"
         axis.plot(
-            100 * d["distance_m"],
+            100 * d["x"],
             d["measured_ratio"],
             _MARKERS.get(r.mode, "."),
             color=colour,

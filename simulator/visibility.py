@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from waveformer.simulator.quadrature import SurfaceSamples, take
 from waveformer.simulator.radar import Aperture
-from waveformer.simulator.scene import BLOCKED, VISIBLE, sample_states
+from waveformer.simulator.scene import BACK_FACING, BLOCKED, VISIBLE, sample_states
 from waveformer.simulator.subapertures import Tile, corner_rows, probe_rows
 
 
@@ -66,12 +66,14 @@ class VisibilityMap:
 
     @property
     def seen(self) -> NDArray[np.bool_]:
-        """Samples seen from at least one probe, shape (S,)."""
-        return np.asarray((self._states == VISIBLE).any(axis=0))
+        """Samples that some probe sees, or that face away from all of them and may face others, (S,)."""
+        return np.asarray((self._states == VISIBLE).any(axis=0) | (self._states != BLOCKED).all(axis=0))
 
     def of_tile(self, tile: Tile) -> TileVisibility:
         """Sort the samples by what the tile sees, with its own rays where the probes disagree."""
-        lit, mixed = _sort(self._states[self._near(tile)])
+        states = self._states[self._near(tile)]
+        lit, mixed = _sort(states)
+        lit = np.concatenate([lit, self._limb(tile, np.flatnonzero((states == BACK_FACING).all(axis=0)))])
         # most of what the surroundings disagree on is unanimous inside the tile
         corners = tile.rows[corner_rows(self._centers[tile.rows])]
         receivers = self._aperture.rx_m
@@ -89,6 +91,16 @@ class VisibilityMap:
             mixed[partial],
             (states[:, partial] == VISIBLE).astype(np.float32),
         )
+
+    def _limb(self, tile: Tile, members: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Of the samples that face away from all near probes, those that an antenna of the tile may face.
+
+        Seen at grazing angles only, and no near probe found anything before them: lit.
+        """
+        points, normals = self._samples.points_m[members], self._samples.normals[members]
+        centers = self._centers[tile.rows]
+        reach = np.maximum(normals * centers.min(axis=0), normals * centers.max(axis=0)).sum(axis=1)
+        return np.asarray(members[reach > np.einsum("ij,ij->i", normals, points)])
 
     def _test_members(
         self, tx_m: NDArray[np.float64], rx_m: NDArray[np.float64] | None, members: NDArray[np.int64]

@@ -6,7 +6,6 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
 from waveformer import __version__
@@ -97,6 +96,8 @@ def image_grid(
     Raises:
         RadarError: no corner given and no target recorded, or the box makes no sense.
     """
+    import numpy as np
+
     from waveformer.simulator.grid import Grid
 
     if min_m is None or max_m is None:

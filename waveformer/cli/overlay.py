@@ -8,8 +8,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from waveformer.simulator.errors import StoreError
 
 if TYPE_CHECKING:
@@ -60,5 +58,7 @@ def recorded_meshes(
 
 def in_radar_frame(mesh: SurfaceMesh, pose: ArrayLike) -> SurfaceMesh:
     """The mesh moved by a rigid pose (4, 4)."""
+    import numpy as np
+
     matrix = np.asarray(pose, float)
     return dataclasses.replace(mesh, vertices_m=mesh.vertices_m @ matrix[:3, :3].T + matrix[:3, 3])

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import numpy as np
 from pydantic import BeforeValidator, Field
 
 from waveformer.config import Config
 from waveformer.simulator.presets import APERTURE_PRESETS, CHIRP_PRESETS, lookup_preset
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
 
     from waveformer.simulator.mesh import SurfaceMesh
@@ -143,6 +143,7 @@ def scene_pose(
         place_m: where the centre goes, metres in the radar frame; None leaves it.
         rotate_deg: turns about the fixed x, then y, then z axis.
     """
+    import numpy as np
     from scipy.spatial.transform import Rotation
 
     low = np.min([mesh.vertices_m.min(axis=0) for mesh in meshes], axis=0)

@@ -47,12 +47,14 @@ def validate(
         out.mkdir(parents=True, exist_ok=True)
         (out / "validation.json").write_text(report + "\n", encoding="utf-8")
         (out / "validation.md").write_text(markdown_table(results), encoding="utf-8")
-        plot_validation(results, out / "validation.png")
     if json_output:
         typer.echo(report)
     else:
         (_print_table if sys.stdout.isatty() else _print_lines)(results)
-        typer.echo(summary(results) + (f"; written to {out}" if out is not None else ""))
+        typer.echo(summary(results))
+    if out is not None:
+        plot_validation(results, out / "validation.png")  # last: a failing plot must not hide the table
+        typer.echo(f"written to {out}", err=True)
     if not all(result.passed for result in results):
         raise typer.Exit(1)
 
