@@ -1,7 +1,8 @@
-"""Two forward models in plain NumPy, written for speed, that the compiled kernel is compared with.
+"""Forward models in NumPy that the compiled kernel is compared with.
 
-Both are single precision with sine and cosine apart, coordinates apart, and nothing recomputed that can
-be kept: what a careful programmer gets out of arrays. Both serve monostatic apertures and one-sided meshes.
+`plain` is written as the formula reads. `direct` and `factorised` are written for speed: single precision,
+sine and cosine apart, coordinates apart, nothing recomputed that can be kept, which is about what a careful
+programmer gets out of arrays. All serve monostatic apertures and one-sided meshes.
 """
 
 from __future__ import annotations
@@ -44,22 +45,17 @@ class SampleTable:
         return self.areas * cosine / range_square * factor, difference / (range_m + np.sqrt(square))
 
 
-def direct(
-    plan: Factorisation, item: TileWork, rows: Any, chirp: Chirp, aperture: Aperture
-) -> tuple[Any, int]:
+def direct(plan: Factorisation, item: TileWork, rows: Any, chirp: Chirp, aperture: Aperture) -> Any:
     """Every pair by itself: exact carrier, nearest bin of 0.5 mm, one matrix product to the T samples.
 
     Args:
         rows: places in the tile to evaluate.
 
     Returns:
-        The echo (rows, T) and the number of pairs.
+        The echo, shape (rows, T).
     """
-    members = np.concatenate([item.members, item.visibility.partial])
-    table, ranges = SampleTable(plan, members), plan.ranges
-    seen = np.ones((len(rows), len(members)), dtype=np.float32)
-    seen[:, len(item.members) :] = item.tile.ray_weights[rows] @ item.visibility.partial_visible
-    half = int(np.ceil(0.5 * ranges.count * ranges.width_m / DIRECT_BIN_M))
+    members, seen = _seen(item, rows)
+    table, ranges, half = SampleTable(plan, members), plan.ranges, _half_count(plan)
     carrier = np.float32(-4.0 * np.pi / ranges.wavelength_m)
     bins = np.empty((len(rows), 2 * half + 1), dtype=np.complex64)
     for i, row in enumerate(item.tile.rows[rows]):
@@ -69,11 +65,28 @@ def direct(
         phase = excess * carrier
         bins[i].real = np.bincount(index, amplitude * np.cos(phase), 2 * half + 1)
         bins[i].imag = np.bincount(index, amplitude * np.sin(phase), 2 * half + 1)
-    wavenumbers = 4.0 * np.pi * (chirp.frequencies_hz - chirp.center_hz) / SPEED_OF_LIGHT_M_PER_S
-    bin_range_m = (np.arange(2 * half + 1) - half) * DIRECT_BIN_M
-    spectrum = bins @ np.exp(-1j * bin_range_m[:, None] * wavenumbers).astype(np.complex64)
-    pairs = int(np.count_nonzero(seen))
-    return spectrum * reference_phase(chirp, aperture, item.tile.rows[rows], ranges.center_m), pairs
+    return _samples_from_bins(bins, plan, item.tile.rows[rows], chirp, aperture)
+
+
+def plain(plan: Factorisation, item: TileWork, rows: Any, chirp: Chirp, aperture: Aperture) -> Any:
+    """`direct` in double precision, line by line as the formula reads."""
+    members, seen = _seen(item, rows)
+    points_m, normals = plan.samples.points_m[members], plan.samples.normals[members]
+    areas_m2, taper = plan.samples.areas_m2[members], plan.taper[members]
+    half, wavenumber = _half_count(plan), 2.0 * np.pi / plan.ranges.wavelength_m
+    bins = np.empty((len(rows), 2 * half + 1), dtype=np.complex128)
+    for i, row in enumerate(item.tile.rows[rows]):
+        offsets = aperture.tx_m[row] - points_m
+        range_m = np.linalg.norm(offsets, axis=1)
+        cosine = np.maximum(0.0, (offsets * normals).sum(axis=1) / range_m)
+        amplitude = seen[i] * areas_m2 * cosine / range_m**2 * (1.0 - taper * (1.0 - cosine**2)) ** 4
+        excess = range_m - np.linalg.norm(aperture.tx_m[row] - plan.ranges.center_m)
+        value = amplitude * np.exp(-2j * wavenumber * excess)
+        index = np.rint(excess / DIRECT_BIN_M).astype(np.int64) + half
+        bins[i] = np.bincount(index, value.real, 2 * half + 1) + 1j * np.bincount(
+            index, value.imag, 2 * half + 1
+        )
+    return _samples_from_bins(bins, plan, item.tile.rows[rows], chirp, aperture)
 
 
 def factorised(plan: Factorisation, item: TileWork, chirp: Chirp, aperture: Aperture) -> Any:
@@ -95,6 +108,26 @@ def factorised(plan: Factorisation, item: TileWork, chirp: Chirp, aperture: Aper
         _deposit(bins, plan, np.stack([echo[1] for echo in echoes]), amplitude[None])
     spectrum = bins.reshape(len(bins), -1) @ ranges.to_samples
     return spectrum * reference_phase(chirp, aperture, tile.rows, ranges.center_m)
+
+
+def _seen(item: TileWork, rows: Any) -> tuple[Any, Any]:
+    """Samples that a tile sees, and how far each of some of its antennas does."""
+    members = np.concatenate([item.members, item.visibility.partial])
+    seen = np.ones((len(rows), len(members)), dtype=np.float32)
+    seen[:, len(item.members) :] = item.tile.ray_weights[rows] @ item.visibility.partial_visible
+    return members, seen
+
+
+def _half_count(plan: Factorisation) -> int:
+    return int(np.ceil(0.5 * plan.ranges.count * plan.ranges.width_m / DIRECT_BIN_M))
+
+
+def _samples_from_bins(bins: Any, plan: Factorisation, rows: Any, chirp: Chirp, aperture: Aperture) -> Any:
+    """Bins of 0.5 mm to the T samples."""
+    wavenumbers = 4.0 * np.pi * (chirp.frequencies_hz - chirp.center_hz) / SPEED_OF_LIGHT_M_PER_S
+    bin_range_m = (np.arange(bins.shape[1]) - bins.shape[1] // 2) * DIRECT_BIN_M
+    to_samples = np.exp(-1j * bin_range_m[:, None] * wavenumbers).astype(bins.dtype)
+    return (bins @ to_samples) * reference_phase(chirp, aperture, rows, plan.ranges.center_m)
 
 
 def _moments_at_nodes(plan: Factorisation, item: TileWork) -> Any:

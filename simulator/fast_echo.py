@@ -21,6 +21,8 @@ from waveformer.simulator.range_bins import NUM_MOMENTS, reference_phase
 from waveformer.simulator.subapertures import Tile, build_tiles
 from waveformer.simulator.visibility import VisibilityMap
 
+# Samples this close share the rays of the first look at visibility.
+PATCH_WAVELENGTHS = 1.0 / 3.0
 # Lanes of (node, cell) in one launch: wide enough for all threads, about 32 MB of moments.
 _MAX_LANES = 1 << 19
 
@@ -49,7 +51,12 @@ def fast_echo(
         add: called with rows (n,) and their echo (n, T), not yet multiplied by j Gamma / (4 pi).
     """
     visibility = VisibilityMap(
-        scene, samples, two_sided, aperture, closest_m * np.radians(numerics.probe_spacing_deg)
+        scene,
+        samples,
+        two_sided,
+        aperture,
+        probe_spacing_m=closest_m * np.radians(numerics.probe_spacing_deg),
+        patch_m=PATCH_WAVELENGTHS * SPEED_OF_LIGHT_M_PER_S / chirp.center_hz,
     )
     seen = np.flatnonzero(visibility.seen)
     if len(seen) == 0:

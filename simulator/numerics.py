@@ -29,8 +29,8 @@ class Numerics(BaseModel):
     facet_taper: bool = True
     direct: bool = False
     tolerance: float = Field(default=1e-3, gt=0.0, lt=0.1)
-    probe_spacing_deg: float = Field(default=6.0, gt=0.0)
-    leaf_spacing_deg: float = Field(default=1.2, gt=0.0)
+    probe_spacing_deg: float = Field(default=5.0, gt=0.0)
+    leaf_spacing_deg: float = Field(default=1.0, gt=0.0)
 
 
 FAST = Numerics()

@@ -47,70 +47,66 @@ def sample_states(
     two_sided: bool,
     tx_m: NDArray[np.float64],
     rx_m: NDArray[np.float64] | None,
-    sample_row: NDArray[np.int64] | None = None,
-    position_row: NDArray[np.int64] | None = None,
+    pairs: tuple[NDArray[Any], ...] | None = None,
 ) -> NDArray[np.uint8]:
-    """BACK_FACING, BLOCKED or VISIBLE for pairs of samples and antenna positions.
+    """BACK_FACING, BLOCKED or VISIBLE for pairs of antenna position and sample.
 
     Args:
         scene: from `build_scene`.
         points_m, normals: samples, (S, 3).
         two_sided: a two-sided sample never faces away.
         tx_m, rx_m: positions (P, 3); rx_m None means monostatic.
-        sample_row, position_row: the pairs to test, (L,) each; None tests all of them.
+        pairs: position and sample of the pairs to test, (L,) each; None tests all.
 
     Returns:
-        Shape (L,), or (P, S) when all pairs are tested.
+        Shape (P, S), or (L,) for given pairs.
     """
-    if sample_row is None or position_row is None:
-        states = np.empty((len(tx_m), len(points_m)), dtype=np.uint8)
-        rows_per_launch = max(1, _LANES_PER_LAUNCH // max(1, len(points_m)))
-        every_sample = np.arange(len(points_m))
-        for start in range(0, len(tx_m), rows_per_launch):
-            rows = np.arange(start, min(start + rows_per_launch, len(tx_m)))
-            states[rows] = _pair_states(
+    if pairs is not None:
+        parts = [
+            _launch(
                 scene,
                 points_m,
                 normals,
                 two_sided,
                 tx_m,
                 rx_m,
-                np.tile(every_sample, len(rows)),
-                np.repeat(rows, len(points_m)),
-            ).reshape(len(rows), -1)
-        return states
-    parts = [
-        _pair_states(
-            scene,
-            points_m,
-            normals,
-            two_sided,
-            tx_m,
-            rx_m,
-            sample_row[start : start + _LANES_PER_LAUNCH],
-            position_row[start : start + _LANES_PER_LAUNCH],
-        )
-        for start in range(0, len(sample_row), _LANES_PER_LAUNCH)
-    ]
-    return np.concatenate(parts) if parts else np.empty(0, dtype=np.uint8)
+                tuple(part[start:][:_LANES_PER_LAUNCH] for part in pairs),
+            )
+            for start in range(0, len(pairs[0]), _LANES_PER_LAUNCH)
+        ]
+        return np.concatenate(parts) if parts else np.empty(0, dtype=np.uint8)
+    states = np.empty((len(tx_m), len(points_m)), dtype=np.uint8)
+    rows_per_launch = max(1, _LANES_PER_LAUNCH // max(1, len(points_m)))
+    for start in range(0, len(tx_m) if states.size else 0, rows_per_launch):
+        rows = slice(start, start + rows_per_launch)
+        receivers = None if rx_m is None else rx_m[rows]
+        flat = _launch(scene, points_m, normals, two_sided, tx_m[rows], receivers, None)
+        states[rows] = flat.reshape(len(points_m), -1).T
+    return states
 
 
-def _pair_states(
+def _launch(
     scene: Any,
     points_m: NDArray[np.float64],
     normals: NDArray[np.float64],
     two_sided: bool,
     tx_m: NDArray[np.float64],
     rx_m: NDArray[np.float64] | None,
-    sample_row: NDArray[np.int64],
-    position_row: NDArray[np.int64],
+    pairs: tuple[NDArray[Any], ...] | None,
 ) -> NDArray[np.uint8]:
+    """States in one launch, a lane a pair; all pairs come sample by sample."""
     import drjit as dr
     import mitsuba as mi
 
     from waveformer.simulator.device import to_device, to_device_index
 
-    sample, row = to_device_index(sample_row), to_device_index(position_row)
+    if pairs is None:
+        # rays that leave one sample side by side traverse the same nodes
+        lane = dr.arange(mi.UInt32, len(tx_m) * len(points_m))
+        sample = lane // dr.opaque(mi.UInt32, len(tx_m))
+        row = lane - sample * dr.opaque(mi.UInt32, len(tx_m))
+    else:
+        row, sample = (to_device_index(part) for part in pairs)
     point = dr.gather(mi.Point3f, to_device(points_m), sample)
     normal = dr.gather(mi.Vector3f, to_device(normals), sample)
     facing, free, side = mi.Bool(True), mi.Bool(True), None

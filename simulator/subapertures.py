@@ -27,6 +27,7 @@ class Tile:
         ray_tx_m, ray_rx_m: positions from which visibility is traced, shape (L, 3); ray_rx_m None when
             monostatic.
         ray_weights: interpolation from them to the rows, shape (n, L).
+        ray_shape: their lattice, odd along every axis, with product L; None if every row traces its own.
     """
 
     rows: NDArray[np.int64]
@@ -36,6 +37,7 @@ class Tile:
     ray_tx_m: NDArray[np.float64]
     ray_rx_m: NDArray[np.float64] | None
     ray_weights: NDArray[np.float32]
+    ray_shape: tuple[int, ...] | None
 
     def split(self, max_positions: int | None) -> list[Tile]:
         """Parts with at most `max_positions` rows that keep all nodes, so the echo stays the same."""
@@ -81,16 +83,16 @@ def build_tiles(
         for members in group_into_tiles(centers[group], MAX_TILE_POSITIONS, max_extent):
             rows = group[members]
             nodes, weights = _nodes(centers[rows], phase_per_metre, tolerance)
-            rays, ray_weights = _ray_positions(centers[rows], leaf_spacing_m)
+            rays, ray_weights, ray_shape = _ray_positions(centers[rows], leaf_spacing_m)
             if shift is None:  # no two rows share an offset: every row stands for itself
-                weights, ray_weights = None, np.eye(len(rows), dtype=np.float32)
+                weights, ray_weights, ray_shape = None, np.eye(len(rows), dtype=np.float32), None
             node_tx, node_rx = aperture.tx_m[rows], None if aperture.rx_m is None else aperture.rx_m[rows]
             ray_tx, ray_rx = node_tx, node_rx
             if weights is not None and shift is not None:
                 node_tx, node_rx = nodes - 0.5 * shift, None if node_rx is None else nodes + 0.5 * shift
             if shift is not None:
                 ray_tx, ray_rx = rays - 0.5 * shift, None if ray_rx is None else rays + 0.5 * shift
-            tiles.append(Tile(rows, node_tx, node_rx, weights, ray_tx, ray_rx, ray_weights))
+            tiles.append(Tile(rows, node_tx, node_rx, weights, ray_tx, ray_rx, ray_weights, ray_shape))
     return tiles
 
 
@@ -136,8 +138,8 @@ def _nodes(
 
 def _ray_positions(
     positions: NDArray[np.float64], spacing_m: float
-) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-    """A lattice over a group's bounding box and multilinear weights to its positions.
+) -> tuple[NDArray[np.float64], NDArray[np.float32], tuple[int, ...] | None]:
+    """A lattice over a group's bounding box, multilinear weights to its positions, and the lattice's shape.
 
     Linear interpolation keeps the mean position of a shadow edge right for every antenna; the nearest
     lattice point would move it by up to half a spacing.
@@ -145,13 +147,16 @@ def _ray_positions(
     low, side = positions.min(axis=0), np.ptp(positions, axis=0)
     axes, weights = [], np.ones((len(positions), 1))
     for axis in range(positions.shape[1]):
-        count = int(np.ceil(side[axis] / spacing_m - 1e-9)) + 1 if side[axis] > 0 else 1
-        axes.append(low[axis] + side[axis] * np.linspace(0.0, 1.0, count))
-        scaled = (positions[:, axis] - low[axis]) / (side[axis] if side[axis] > 0 else 1.0) * (count - 1)
+        # odd, so that every second point spans the box; a thin box needs no second layer
+        count = (
+            2 * int(np.ceil(0.5 * side[axis] / spacing_m - 1e-9)) + 1 if side[axis] > 0.25 * spacing_m else 1
+        )
+        axes.append(low[axis] + side[axis] * (np.linspace(0.0, 1.0, count) if count > 1 else np.array([0.5])))
+        scaled = (positions[:, axis] - low[axis]) / (side[axis] if count > 1 else 1.0) * (count - 1)
         along = np.maximum(0.0, 1.0 - np.abs(scaled[:, None] - np.arange(count)))
         weights = (weights[:, :, None] * along[:, None, :]).reshape(len(positions), -1)
     lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    return lattice, weights.astype(np.float32)
+    return lattice, weights.astype(np.float32), tuple(len(axis) for axis in axes)
 
 
 def probe_rows(aperture: Aperture, spacing_m: float) -> NDArray[np.int64]:

@@ -12,14 +12,14 @@ from waveformer.simulator.scene import BACK_FACING, BLOCKED, VISIBLE, build_scen
 
 pytestmark = pytest.mark.usefixtures("mitsuba_variant")
 
-UPPER_Z, LOWER_Z, HALF_SIDE_M = -0.3, -0.5, 0.05
-ANTENNAS = np.array([[0.0, 0.0, 0.0], [0.15, 0.0, 0.0], [0.0, -0.4, 0.0]])
+UPPER_Z, LOWER_Z, HALF_SIDE_M = -0.15, -0.5, 0.05
+ANTENNAS = np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0], [0.0, -0.05, 0.0]])
 UP = np.array([0.0, 0.0, 1.0])
 
 
 @pytest.fixture
 def two_plates(mitsuba_variant: str) -> Any:
-    """A plate of 10 cm 20 cm above a plate of 60 cm."""
+    """A plate of 10 cm 35 cm above a plate of 60 cm."""
     upper = primitives.plate(2 * HALF_SIDE_M, 2 * HALF_SIDE_M, center_m=(0, 0, UPPER_Z))
     lower = primitives.plate(0.6, 0.6, center_m=(0, 0, LOWER_Z))
     return build_scene([(mesh.vertices, mesh.faces) for mesh in (upper, lower)])
@@ -37,9 +37,7 @@ def crossing(points: np.ndarray, antenna: np.ndarray) -> np.ndarray:
     return np.abs(points + fraction[:, None] * (antenna - points))[:, :2].max(axis=1)
 
 
-def test_the_shadow_of_a_plate_lies_where_geometry_puts_it(
-    rng: np.random.Generator, two_plates: Any
-) -> None:
+def test_the_shadow_of_a_plate_lies_where_geometry_puts_it(rng: np.random.Generator, two_plates: Any) -> None:
     points = lower_points(rng)
     states = sample_states(two_plates, points, np.tile(UP, (len(points), 1)), False, ANTENNAS, None)
     assert states.shape == (3, len(points))
@@ -51,6 +49,14 @@ def test_the_shadow_of_a_plate_lies_where_geometry_puts_it(
         assert (states[row] == expected)[certain].all()
         assert (states[row] == BLOCKED).any()
         assert certain.mean() > 0.98
+
+
+def test_what_lies_behind_an_antenna_does_not_block(rng: np.random.Generator) -> None:
+    roof = primitives.plate(2.0, 2.0, center_m=(0, 0, 0.001))
+    points = lower_points(rng, 300)
+    scene_below_roof = build_scene([(roof.vertices, roof.faces)])
+    states = sample_states(scene_below_roof, points, np.tile(UP, (300, 1)), False, ANTENNAS, None)
+    assert (states == VISIBLE).all()
 
 
 def test_a_pair_is_blocked_if_either_way_is(rng: np.random.Generator, two_plates: Any) -> None:
@@ -91,25 +97,21 @@ def test_transmitter_and_receiver_on_opposite_sides_do_not_see_a_two_sided_sampl
         assert sample_states(two_plates, points, normal[None], True, below, below) == VISIBLE
 
 
-def test_chosen_pairs_give_the_states_of_all_pairs(rng: np.random.Generator, two_plates: Any) -> None:
-    points = lower_points(rng, 300)
-    normals = np.tile(UP, (300, 1))
-    everything = sample_states(two_plates, points, normals, False, ANTENNAS, None)
-    sample, position = rng.integers(300, size=700), rng.integers(3, size=700)
-    chosen = sample_states(two_plates, points, normals, False, ANTENNAS, None, sample, position)
-    assert (chosen == everything[position, sample]).all()
-    nothing = np.empty(0, dtype=np.int64)
-    assert sample_states(two_plates, points, normals, False, ANTENNAS, None, nothing, nothing).shape == (0,)
+def test_no_sample_or_no_antenna_means_no_state(two_plates: Any) -> None:
+    nothing, one = np.empty((0, 3)), np.array([[0.0, 0.0, LOWER_Z]])
+    assert sample_states(two_plates, nothing, nothing, False, ANTENNAS, None).shape == (3, 0)
+    assert sample_states(two_plates, one, UP[None], False, nothing, None).shape == (0, 1)
 
 
+@pytest.mark.parametrize("lanes", [1, 650])
 def test_the_size_of_a_launch_does_not_show(
-    rng: np.random.Generator, two_plates: Any, monkeypatch: pytest.MonkeyPatch
+    rng: np.random.Generator, two_plates: Any, monkeypatch: pytest.MonkeyPatch, lanes: int
 ) -> None:
     points = lower_points(rng, 300)
     normals = np.tile(UP, (300, 1))
-    whole = sample_states(two_plates, points, normals, False, ANTENNAS, None)
-    monkeypatch.setattr(scene, "_LANES_PER_LAUNCH", 250)
-    assert (sample_states(two_plates, points, normals, False, ANTENNAS, None) == whole).all()
-    sample, position = np.tile(np.arange(300), 3), np.repeat(np.arange(3), 300)
-    chosen = sample_states(two_plates, points, normals, False, ANTENNAS, None, sample, position)
-    assert (chosen.reshape(3, 300) == whole).all()
+    for receivers in (None, ANTENNAS + 0.01):
+        monkeypatch.undo()
+        whole = sample_states(two_plates, points, normals, False, ANTENNAS, receivers)
+        monkeypatch.setattr(scene, "_LANES_PER_LAUNCH", lanes)
+        parts = sample_states(two_plates, points, normals, False, ANTENNAS, receivers)
+        assert (parts == whole).all()

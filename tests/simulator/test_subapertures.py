@@ -128,7 +128,9 @@ def test_ray_weights_are_linear_interpolation_between_rays_close_enough(offset_m
     for tile in tiles_of(aperture):
         assert (tile.ray_weights >= 0).all()
         assert tile.ray_weights.sum(axis=1) == pytest.approx(np.ones(len(tile.rows)), abs=1e-6)  # float32
-        assert tile.ray_weights @ tile.ray_tx_m == pytest.approx(aperture.tx_m[tile.rows], abs=1e-7)  # float32
+        assert tile.ray_weights @ tile.ray_tx_m == pytest.approx(
+            aperture.tx_m[tile.rows], abs=1e-7
+        )  # float32
         for axis in range(2):
             assert np.diff(np.unique(tile.ray_tx_m[:, axis].round(9))).max() <= LEAF_M * (1 + 1e-9)
 

@@ -1,0 +1,156 @@
+"""Speed and memory of waveformer on this machine, each benchmark in a process of its own.
+
+What the numbers mean: README.md. Nothing heavy is imported here: a child's peak memory starts from its parent's.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).resolve().parent
+DOCUMENT = HERE.parent / "docs" / "benchmarks.md"
+START, END = "<!-- results -->", "<!-- results end -->"
+
+# One thread of the ray tracer and of BLAS where a rate per core is measured; two for the whole.
+PROGRAMS = (("end_to_end", 2), ("forward_kernel", 1), ("imaging_kernel", 1), ("exact_mode", 1))
+RATE_TARGETS = {"forward kernel": 180e6, "imaging": 230e6}
+RATIO_TARGETS = {"forward_kernel": 15, "imaging_kernel": 20}
+WALL_TARGET_S, MEMORY_TARGET_BYTES = 2.0, 0.5e9
+
+
+def run_program(name: str, threads: int, quick: bool) -> list[dict[str, Any]]:
+    """Rows of one benchmark."""
+    settings = {
+        "WAVEFORMER_THREADS": str(threads),
+        "OPENBLAS_NUM_THREADS": str(threads),
+        "OMP_NUM_THREADS": str(threads),
+    }
+    load = os.getloadavg()[0]
+    done = subprocess.run(
+        [sys.executable, str(HERE / f"{name}.py"), *(["--quick"] if quick else [])],
+        env={**os.environ, **settings},
+        stdout=subprocess.PIPE,
+        text=True,
+        check=False,
+    )
+    if done.returncode:
+        sys.exit(f"{name} failed with exit code {done.returncode}")
+    rows = json.loads(done.stdout.splitlines()[-1])
+    return [{"benchmark": name, "threads": threads, "load_average_before": load, **row} for row in rows]
+
+
+def machine() -> str:
+    """The kind of processor, without its name."""
+    text = platform.machine().replace("_", "-")
+    if Path("/proc/cpuinfo").exists():
+        info = Path("/proc/cpuinfo").read_text()
+        text += " with AVX-512" if "avx512f" in info else " with AVX2" if "avx2" in info else ""
+        if clock := re.search(r"cpu MHz\s*:\s*([\d.]+)", info):
+            text += f", {float(clock[1]) / 1000:.1f} GHz"
+    return f"{text}, {os.cpu_count()} cores"
+
+
+def rate_line(row: dict[str, Any]) -> str:
+    """A line of the table of rates."""
+    name, benchmark = row["name"], row["benchmark"]
+    low, high = row["lowest_per_cpu_s"] / 1e6, row["highest_per_cpu_s"] / 1e6
+    digits = 0 if row["pairs_per_cpu_s"] > 20e6 else 2
+    slower, error = row.get("slower_than_kernel"), row.get("relative_l2_error")
+    target = ""
+    if name in RATE_TARGETS:
+        target = f"≥ {RATE_TARGETS[name] / 1e6:.0f} M/s"
+    elif slower is not None and benchmark in RATIO_TARGETS:
+        target = f"≥ {RATIO_TARGETS[benchmark]} ×"
+    cells = [
+        name,
+        f"{row['pairs_per_cpu_s'] / 1e6:.{digits}f} ({low:.{digits}f} – {high:.{digits}f})",
+        f"{row['pairs_per_wall_s'] / 1e6:.{digits}f}",
+        "" if slower is None else f"{slower:.1f} ×",
+        target,
+        "" if error is None else "reference" if error == 0 else f"{error:.1e}",
+    ]
+    return "| " + " | ".join(cells) + " |"
+
+
+def markdown(result: dict[str, Any]) -> str:
+    """The results as two tables."""
+    rows = result["rows"]
+    before, after = result["load_average"]
+    lines = [f"{result['machine']}; load average {before:.1f} before, {after:.1f} after."]
+    if result["quick"]:
+        lines.append("Short form (`--quick`).")
+    rates = [rate_line(row) for row in rows if "pairs_per_cpu_s" in row]
+    heading = (
+        "| one thread | 10⁶ pairs per CPU second (range) | per second | kernel faster by | target | error |"
+    )
+    if rates:
+        lines += ["", heading, "|---|---|---|---|---|---|", *rates]
+    for row in rows:
+        if "wall_s" in row:
+            wall = f"{row['wall_s']:.2f} s ({row['lowest_wall_s']:.2f} – {row['highest_wall_s']:.2f})"
+            peak, most = row["peak_bytes"] / 1e9, MEMORY_TARGET_BYTES / 1e9
+            lines += [
+                "",
+                "| whole simulation, two threads | measured | target |",
+                "|---|---|---|",
+                f"| wall time, median (range) of {row['runs']} | {wall} | ≤ {WALL_TARGET_S:g} s |",
+                f"| processor time of both threads | {row['cpu_s']:.2f} s | |",
+                f"| wall time of the first run in a process | {row['first_run_wall_s']:.2f} s | |",
+                f"| peak memory of that process | {peak:.2f} GB | ≤ {most:g} GB |",
+                f"| load average before | {row['load_average_before']:.1f} | |",
+            ]
+    return "\n".join(lines)
+
+
+def write_into(document: Path, text: str) -> None:
+    """Replace what stands between the markers."""
+    before, rest = document.read_text(encoding="utf-8").split(START)
+    after = rest.split(END)[1]
+    document.write_text(f"{before}{START}\n{text}\n{END}{after}", encoding="utf-8")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="fewer runs on smaller parts, about two minutes")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the numbers there")
+    parser.add_argument(
+        "--markdown",
+        type=Path,
+        nargs="?",
+        const=DOCUMENT,
+        metavar="FILE",
+        help="also put the tables between the markers of this file [docs/benchmarks.md]",
+    )
+    parser.add_argument("--only", choices=[name for name, _ in PROGRAMS], help="one benchmark")
+    arguments = parser.parse_args()
+    before = os.getloadavg()[0]
+    rows: list[dict[str, Any]] = []
+    for name, threads in PROGRAMS:
+        if arguments.only in (None, name):
+            started = time.perf_counter()
+            rows += run_program(name, threads, arguments.quick)
+            print(f"{name}: {time.perf_counter() - started:.0f} s", file=sys.stderr)
+    result = {
+        "machine": machine(),
+        "quick": arguments.quick,
+        "load_average": [before, os.getloadavg()[0]],
+        "rows": rows,
+    }
+    if arguments.json:
+        arguments.json.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    print(markdown(result))
+    if arguments.markdown:
+        write_into(arguments.markdown, markdown(result))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,69 @@
+"""What the README promises: its examples run as printed, its commands exist, its links lead somewhere."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from waveformer.cli import app
+from waveformer.simulator import Image, Measurement, primitives
+
+ROOT = Path(__file__).resolve().parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def fenced(language: str) -> str:
+    """The one code block in this language."""
+    blocks = re.findall(rf"^```{language}\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
+    assert len(blocks) == 1
+    return blocks[0]
+
+
+def run(arguments: list[str], folder: Path) -> str:
+    done = subprocess.run(arguments, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.slow
+def test_python_example(tmp_path):
+    output = run([sys.executable, "-c", fenced("python")], tmp_path)
+    place = [float(value) for value in re.findall(r"-?\d+\.\d*", output)]
+    scan, image = Measurement.load(tmp_path / "hammer_scan.zarr"), Image.load(tmp_path / "hammer_image.zarr")
+    assert scan.h.shape == (3600, 512)
+    assert place == pytest.approx(image.peak_position_m, abs=1e-6)
+    # the hammer is 32 mm thick around z = -0.35, and a flat face shines from where it is
+    assert place[2] == pytest.approx(-0.334, abs=0.01)
+
+
+@pytest.mark.slow
+def test_shell_example(tmp_path):
+    primitives.hammer().export(tmp_path / "mesh.ply")
+    for line in fenced("sh").splitlines():
+        program, *arguments = shlex.split(line)
+        assert program == "waveformer"
+        run([sys.executable, "-m", "waveformer", *arguments], tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {"mesh.ply", "scan.zarr", "image.zarr", "view.html"}
+
+
+def test_examples_compile():
+    compile(fenced("python"), "README.md", "exec")
+
+
+def test_every_command_of_the_table_exists():
+    named = re.findall(r"^\| `waveformer (\w+)` \|", README, re.MULTILINE)
+    registered = {command.name or command.callback.__name__ for command in app.registered_commands}
+    assert named
+    assert set(named) <= registered
+
+
+@pytest.mark.parametrize("page", ["README.md", *(f"docs/{p.name}" for p in (ROOT / "docs").glob("*.md"))])
+def test_links(page):
+    text = (ROOT / page).read_text(encoding="utf-8")
+    for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text):
+        assert (ROOT / page).parent.joinpath(target).exists(), f"{page}: {target}"
