@@ -54,7 +54,7 @@ def direct(plan: Factorisation, item: TileWork, rows: Any, chirp: Chirp, apertur
     Returns:
         The echo, shape (rows, T).
     """
-    members, seen = _seen(item, rows)
+    members, seen = seen_samples(item, rows)
     table, ranges, half = SampleTable(plan, members), plan.ranges, _half_count(plan)
     carrier = np.float32(-4.0 * np.pi / ranges.wavelength_m)
     bins = np.empty((len(rows), 2 * half + 1), dtype=np.complex64)
@@ -70,7 +70,7 @@ def direct(plan: Factorisation, item: TileWork, rows: Any, chirp: Chirp, apertur
 
 def plain(plan: Factorisation, item: TileWork, rows: Any, chirp: Chirp, aperture: Aperture) -> Any:
     """`direct` in double precision, line by line as the formula reads."""
-    members, seen = _seen(item, rows)
+    members, seen = seen_samples(item, rows)
     points_m, normals = plan.samples.points_m[members], plan.samples.normals[members]
     areas_m2, taper = plan.samples.areas_m2[members], plan.taper[members]
     half, wavenumber = _half_count(plan), 2.0 * np.pi / plan.ranges.wavelength_m
@@ -110,7 +110,7 @@ def factorised(plan: Factorisation, item: TileWork, chirp: Chirp, aperture: Aper
     return spectrum * reference_phase(chirp, aperture, tile.rows, ranges.center_m)
 
 
-def _seen(item: TileWork, rows: Any) -> tuple[Any, Any]:
+def seen_samples(item: TileWork, rows: Any) -> tuple[Any, Any]:
     """Samples that a tile sees, and how far each of some of its antennas does."""
     members = np.concatenate([item.members, item.visibility.partial])
     seen = np.ones((len(rows), len(members)), dtype=np.float32)

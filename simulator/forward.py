@@ -14,7 +14,7 @@ from waveformer.simulator.errors import MeshError, RadarError
 from waveformer.simulator.measurement import Measurement
 from waveformer.simulator.mesh import SurfaceMesh, load_mesh
 from waveformer.simulator.numerics import Numerics, resolve_numerics
-from waveformer.simulator.quadrature import faces_that_can_face, sample_surface
+from waveformer.simulator.quadrature import face_chunks, faces_that_can_face, sample_surface
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Aperture, Chirp
 from waveformer.simulator.runtime import activate
 from waveformer.simulator.target import Target, as_targets, rotate
@@ -78,8 +78,10 @@ def simulate(
     """
     started = time.perf_counter()
     numerics = resolve_numerics(mode)
-    if tile_positions is not None and tile_positions < 1:
-        raise RadarError(f"tile_positions must be at least 1, got {tile_positions}")
+    if tile_positions is not None and (
+        not isinstance(tile_positions, (int, np.integer)) or tile_positions < 1
+    ):
+        raise RadarError(f"tile_positions must be a whole number of at least 1, got {tile_positions!r}")
     placed = [_place(target, chirp, aperture) for target in as_targets(targets)]
 
     activate()
@@ -88,9 +90,10 @@ def simulate(
     scene = build_scene([(item.vertices_m, item.mesh.faces) for item in placed])
     h = np.zeros((len(aperture), chirp.num_samples), dtype=np.complex64)
     for index, item in enumerate(placed):
-        _add_echo(
-            h, scene, item, chirp, aperture, numerics, tile_positions, _share(progress, index, len(placed))
-        )
+        share = _share(progress, index, len(placed))
+        _add_echo(h, scene, item, chirp, aperture, numerics, tile_positions, share)
+    if progress is not None:
+        progress(len(aperture), len(aperture))
     metadata = {
         "targets": [_describe(item) for item in placed],
         "numerics": numerics.model_dump(),
@@ -122,11 +125,24 @@ def _add_echo(
         aperture.tx_m,
         aperture.receivers_m,
     )
-    if not keep.any():
-        return
     wavelength = SPEED_OF_LIGHT_M_PER_S / chirp.center_hz
-    samples = sample_surface(item.mesh, pose, numerics.spacing_wavelengths * wavelength, keep)
+    spacing = numerics.spacing_wavelengths * wavelength
+    chunks = face_chunks(item.mesh, keep, spacing)
     scale = np.complex64(1j * item.target.material.reflection / (4.0 * np.pi))
+    for index, chunk in enumerate(chunks):
+        samples = sample_surface(item.mesh, pose, spacing, chunk)
+        add = _accumulator(h, scale, _share(progress, index, len(chunks)))
+        shared = (chirp, aperture, numerics, tile_positions, add)
+        if numerics.direct:
+            exact_echo(scene, samples, item.mesh.two_sided, *shared)
+        else:
+            fast_echo(scene, samples, item.mesh.two_sided, item.closest_m, *shared)
+
+
+def _accumulator(
+    h: NDArray[np.complex64], scale: np.complex64, progress: Progress | None
+) -> Callable[[NDArray[np.int64], NDArray[np.complex64]], None]:
+    """A function that adds scaled echoes to rows of h and reports how many are done."""
     done = 0
 
     def add(rows: NDArray[np.int64], echo: NDArray[np.complex64]) -> None:
@@ -134,13 +150,9 @@ def _add_echo(
         h[rows] += scale * echo
         done += len(rows)
         if progress is not None:
-            progress(done, len(aperture))
+            progress(done, len(h))
 
-    shared = (chirp, aperture, numerics, tile_positions, add)
-    if numerics.direct:
-        exact_echo(scene, samples, item.mesh.two_sided, *shared)
-    else:
-        fast_echo(scene, samples, item.mesh.two_sided, item.closest_m, *shared)
+    return add
 
 
 def _place(target: Target, chirp: Chirp, aperture: Aperture) -> PlacedTarget:

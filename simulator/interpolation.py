@@ -7,8 +7,6 @@ with the Bessel coefficients of the Jacobi-Anger expansion bounded by (phi / 2)^
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
@@ -19,7 +17,7 @@ def points_for_phase(phase_rad: float, tolerance: float) -> int:
     count, bound = 1, phase_rad
     while bound > tolerance:
         count += 1
-        bound = 2.0 * (phase_rad / 2.0) ** count / math.factorial(count)
+        bound *= phase_rad / 2.0 / count  # 2 (phase / 2)^count / count!, and no overflow on the way
     return count
 
 

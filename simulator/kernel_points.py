@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from waveformer.simulator.device import to_device, to_device_index, to_device_vectors
 from waveformer.simulator.echo_terms import phasor
-from waveformer.simulator.kernel_factorised import Antennas, antenna_lanes, bin_of
+from waveformer.simulator.kernel_factorised import Antennas, antenna_lanes, bin_of, range_excess
 from waveformer.simulator.range_bins import NUM_MOMENTS, RangeBins
 
 
@@ -151,8 +151,7 @@ def _mean_excess(antennas: list[Array3f], point: Array3f) -> Any:
     total = None
     for antenna in antennas:
         square = dr.squared_norm(antenna)
-        difference = dr.squared_norm(point) - 2.0 * dr.dot(antenna, point)
-        excess = difference * dr.rcp(dr.sqrt(square + difference) + dr.sqrt(square))
+        excess = range_excess(dr.squared_norm(point) - 2.0 * dr.dot(antenna, point), square, dr.sqrt(square))
         total = excess if total is None else 0.5 * (total + excess)
     return total
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from waveformer.simulator.clusters import group_into_cells
 from waveformer.simulator.errors import RadarError
 from waveformer.simulator.measurement import Measurement
 from waveformer.simulator.radar import Aperture, Chirp
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 
 _MAX_PAIRS = 1 << 22
 _TOLERANCE = 1e-6
+# Single precision resolves range differences within a cluster of this size to 1e-4 rad.
+_CLUSTER_EDGE_M = 0.5
 
 
 def simulate_points(points_m: ArrayLike, rcs_m2: ArrayLike, chirp: Chirp, aperture: Aperture) -> Measurement:
@@ -38,7 +41,10 @@ def simulate_points(points_m: ArrayLike, rcs_m2: ArrayLike, chirp: Chirp, apertu
         RadarError: shapes do not fit, a cross-section is negative, or a point lies on an antenna or
             beyond the unambiguous range.
     """
-    points = np.asarray(points_m, dtype=np.float64)
+    try:
+        points = np.asarray(points_m, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise RadarError("points_m must be numbers of shape (M, 3), in metres") from None
     if points.ndim != 2 or points.shape[1] != 3 or len(points) == 0 or not np.isfinite(points).all():
         raise RadarError(f"points_m must be finite metres of shape (M, 3), M >= 1, got shape {points.shape}")
     try:
@@ -52,21 +58,23 @@ def simulate_points(points_m: ArrayLike, rcs_m2: ArrayLike, chirp: Chirp, apertu
     activate()
     from waveformer.simulator.kernel_direct import frequency_nodes, sum_pairs
 
-    center = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    radius = float(np.linalg.norm(points - center, axis=1).max())
-    frequencies, to_samples = frequency_nodes(chirp, radius, _TOLERANCE)
-    normals = np.tile([0.0, 0.0, 1.0], (len(points), 1))  # unused: a point has no orientation
-    table = np.concatenate(
-        [points - center, normals, np.sqrt(rcs)[:, None], np.zeros((len(points), 1))], axis=1
-    )
-    h = np.empty((len(aperture), chirp.num_samples), dtype=np.complex64)
-    step = max(1, _MAX_PAIRS // len(points))
-    for start in range(0, len(aperture), step):
-        rows = np.arange(start, min(start + step, len(aperture)))
-        receivers = None if aperture.rx_m is None else aperture.rx_m[rows] - center
-        everything = np.ones((len(rows), len(points)), dtype=bool)
-        sums = sum_pairs(table, everything, aperture.tx_m[rows] - center, receivers, frequencies, _point)
-        h[rows] = (sums @ to_samples) * reference_phase(chirp, aperture, rows, center)
+    h = np.zeros((len(aperture), chirp.num_samples), dtype=np.complex64)
+    cells = group_into_cells(points, _CLUSTER_EDGE_M)
+    for members in np.split(cells.order, cells.starts[1:-1]):
+        cluster = points[members]
+        center = 0.5 * (cluster.min(axis=0) + cluster.max(axis=0))
+        radius = float(np.linalg.norm(cluster - center, axis=1).max())
+        frequencies, to_samples = frequency_nodes(chirp, radius, _TOLERANCE)
+        normals = np.tile([0.0, 0.0, 1.0], (len(cluster), 1))  # unused: a point has no orientation
+        weights = np.sqrt(rcs[members])[:, None]
+        table = np.concatenate([cluster - center, normals, weights, np.zeros((len(cluster), 1))], axis=1)
+        step = max(1, _MAX_PAIRS // len(cluster))
+        for start in range(0, len(aperture), step):
+            rows = np.arange(start, min(start + step, len(aperture)))
+            receivers = None if aperture.rx_m is None else aperture.rx_m[rows] - center
+            everything = np.ones((len(rows), len(cluster)), dtype=bool)
+            sums = sum_pairs(table, everything, aperture.tx_m[rows] - center, receivers, frequencies, _point)
+            h[rows] += (sums @ to_samples) * reference_phase(chirp, aperture, rows, center)
     h *= (chirp.wavelengths_m / (4.0 * np.pi) ** 1.5).astype(np.float32)
     bounds = [points.min(axis=0).tolist(), points.max(axis=0).tolist()]
     return Measurement(h, chirp, aperture, metadata={"targets": [{"name": "points", "bounds_m": bounds}]})

@@ -11,6 +11,8 @@ from waveformer.simulator.errors import MeshError
 from waveformer.simulator.mesh import SurfaceMesh
 
 MAX_SAMPLES = 50_000_000
+# Samples worked on at a time: about 0.5 GB with everything that hangs on them.
+CHUNK_SAMPLES = 1_000_000
 # A triangle flatter than this (height over longest edge; 0.87 when equilateral) is a needle.
 _NEEDLE_RATIO = 0.35
 # No triangle with edges up to s is larger than the equilateral one.
@@ -84,6 +86,18 @@ def sample_surface(
         areas_m2=mesh.areas_m2.take(face) / divisor,
         spread_m2=spread,
     )
+
+
+def face_chunks(mesh: SurfaceMesh, keep: NDArray[np.bool_], spacing_m: float) -> list[NDArray[np.bool_]]:
+    """Cut the kept faces (F,) into runs of about `CHUNK_SAMPLES` samples each, so that memory stays bounded.
+
+    Returns:
+        Masks (F,) of which `keep` is the disjoint union; one mask for most objects.
+    """
+    # well-shaped pieces fill about 0.7 of the largest triangle with such edges
+    expected = mesh.areas_m2 / (0.7 * _LARGEST_AREA_FRACTION * spacing_m**2) + 1.0
+    chunk = (np.cumsum(np.where(keep, expected, 0.0)) / CHUNK_SAMPLES).astype(np.int64)
+    return [keep & (chunk == index) for index in np.unique(chunk[keep])]
 
 
 def faces_that_can_face(

@@ -37,8 +37,12 @@ class Chirp:
     def __post_init__(self) -> None:
         for name in ("start_hz", "bandwidth_hz"):
             value = getattr(self, name)
-            if not (isinstance(value, (int, float)) and np.isfinite(value) and value > 0):
+            is_number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(
+                value, bool
+            )
+            if not (is_number and np.isfinite(value) and value > 0):
                 raise RadarError(f"chirp {name} must be a positive number of hertz, got {value!r}")
+            object.__setattr__(self, name, float(value))
         samples = self.num_samples
         if isinstance(samples, bool) or not isinstance(samples, (int, np.integer)) or samples < 2:
             raise RadarError(f"chirp num_samples must be an integer of at least 2, got {samples!r}")
@@ -62,7 +66,9 @@ class Chirp:
     def frequencies_hz(self) -> NDArray[np.float64]:
         """Frequency of every sample, shape (T,)."""
         steps = np.arange(self.num_samples, dtype=np.float64)
-        return np.asarray(self.start_hz + steps * (self.bandwidth_hz / self.num_samples), dtype=np.float64)
+        frequencies = self.start_hz + steps * (self.bandwidth_hz / self.num_samples)
+        frequencies.setflags(write=False)
+        return frequencies
 
     @property
     def wavelengths_m(self) -> NDArray[np.float64]:
@@ -85,7 +91,7 @@ class Chirp:
         return self.num_samples * self.range_bin_m
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Aperture:
     """Positions of the transmit and receive antenna of every row of H.
 
@@ -138,8 +144,12 @@ class Aperture:
         Returns:
             Aperture of N = num_x * num_y positions; x runs fastest.
         """
-        pitch_x_m, pitch_y_m = np.broadcast_to(np.asarray(spacing_m, float), (2,))
-        if num_x < 1 or num_y < 1 or not (pitch_x_m > 0 and pitch_y_m > 0):
+        pitch = (
+            _vector("spacing_m", spacing_m, 2) if np.ndim(spacing_m) else np.full(2, spacing_m, dtype=float)
+        )
+        pitch_x_m, pitch_y_m = pitch
+        whole = all(isinstance(count, (int, np.integer)) for count in (num_x, num_y))
+        if not whole or num_x < 1 or num_y < 1 or not (np.isfinite(pitch).all() and (pitch > 0).all()):
             raise RadarError(
                 f"aperture grid needs positive counts and spacing, got {num_x} x {num_y} at {spacing_m} m"
             )
@@ -147,7 +157,7 @@ class Aperture:
         y_m = (np.arange(num_y) - (num_y - 1) / 2) * pitch_y_m
         grid_y, grid_x = np.meshgrid(y_m, x_m, indexing="ij")
         positions = np.stack([grid_x, grid_y, np.zeros_like(grid_x)], axis=-1).reshape(-1, 3)
-        return cls(positions + np.asarray(center_m, float))
+        return cls(positions + _vector("center_m", center_m, 3))
 
     @classmethod
     def raster_rows(
@@ -168,7 +178,10 @@ class Aperture:
             row_spacing_m: distance of neighbouring rows.
             center_m: centre of the scan, shape (3,).
         """
-        if not (step_m > 0 and row_length_m >= step_m and row_spacing_m > 0 and num_rows >= 1):
+        lengths = np.array([step_m, row_length_m, row_spacing_m], dtype=float)
+        if not (
+            np.isfinite(lengths).all() and lengths.min() > 0 and row_length_m >= step_m and num_rows >= 1
+        ):
             raise RadarError(
                 f"raster needs row_length_m >= step_m > 0, row_spacing_m > 0 and num_rows >= 1, got "
                 f"{row_length_m}, {step_m}, {row_spacing_m}, {num_rows}"
@@ -180,12 +193,22 @@ class Aperture:
             np.stack([x_m if i % 2 == 0 else x_m[::-1], np.full(per_row, y), np.zeros(per_row)], axis=1)
             for i, y in enumerate(y_m)
         ]
-        return cls(np.concatenate(rows) + np.asarray(center_m, float))
+        return cls(np.concatenate(rows) + _vector("center_m", center_m, 3))
 
     @classmethod
     def from_preset(cls, name: str) -> Aperture:
         """A named aperture (see ``waveformer.simulator.presets``)."""
         return cls.planar_grid(**lookup_preset("aperture", APERTURE_PRESETS, name))
+
+
+def _vector(name: str, value: ArrayLike, size: int) -> NDArray[np.float64]:
+    try:
+        vector = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        vector = np.empty(0)
+    if vector.shape != (size,) or not np.isfinite(vector).all():
+        raise RadarError(f"aperture {name} must be {size} finite numbers in metres, got {value!r}")
+    return vector
 
 
 def _positions(name: str, value: Any) -> NDArray[np.float64]:

@@ -33,7 +33,7 @@ class Material:
         return cls(name="pec", reflection=-1.0 + 0.0j)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Target:
     """One object of a scene.
 
@@ -48,10 +48,18 @@ class Target:
     pose: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
 
     def __post_init__(self) -> None:
-        pose = np.array(self.pose, dtype=np.float64)
+        try:
+            pose = np.array(self.pose, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise MeshError("pose.shape", "pose must be a 4x4 matrix of numbers") from None
         if pose.shape != (4, 4) or not np.isfinite(pose).all():
             raise MeshError("pose.shape", f"pose must be a finite 4x4 matrix, got shape {pose.shape}")
         rotation = pose[:3, :3]
+        if not np.allclose(pose[3], [0.0, 0.0, 0.0, 1.0], atol=1e-9):
+            raise MeshError(
+                "pose.rigid",
+                f"the last row of a pose must be 0 0 0 1, got {pose[3].tolist()}: is it transposed?",
+            )
         if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6) or np.linalg.det(rotation) < 0:
             raise MeshError(
                 "pose.rigid",

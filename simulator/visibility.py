@@ -113,6 +113,8 @@ class VisibilityMap:
             )
         )
         lit, mixed = np.concatenate([lit, mixed[also_lit]]), mixed[mixed_here]
+        if len(mixed) == 0:
+            return TileVisibility(np.sort(lit), mixed, np.empty((len(tile.ray_tx_m), 0), np.float32))
         if tile.ray_shape is None:
             states = self._test_members(tile.ray_tx_m, tile.ray_rx_m, mixed)
         else:

@@ -30,15 +30,14 @@ def run(arguments: list[str], folder: Path) -> str:
     return done.stdout
 
 
-@pytest.mark.slow
 def test_python_example(tmp_path):
     output = run([sys.executable, "-c", fenced("python")], tmp_path)
     place = [float(value) for value in re.findall(r"-?\d+\.\d*", output)]
     scan, image = Measurement.load(tmp_path / "hammer_scan.zarr"), Image.load(tmp_path / "hammer_image.zarr")
     assert scan.h.shape == (3600, 512)
     assert place == pytest.approx(image.peak_position_m, abs=1e-6)
-    # the hammer is 32 mm thick around z = -0.35, and a flat face shines from where it is
-    assert place[2] == pytest.approx(-0.334, abs=0.01)
+    # within the hammer, 32 mm thick around z = -0.35: a rounded surface focuses at its centre of curvature
+    assert -0.366 < place[2] < -0.334
 
 
 @pytest.mark.slow

@@ -48,7 +48,6 @@ def test_an_object_as_deep_as_the_range_is_summed_at_every_frequency() -> None:
     assert (to_samples == np.eye(8)).all()
 
 
-@pytest.mark.xfail(strict=True, raises=OverflowError, reason="points_for_phase overflows above 115 rad")
 def test_objects_of_several_metres_do_not_overflow() -> None:
     from waveformer.simulator.kernel_direct import frequency_nodes
 

@@ -117,7 +117,7 @@ def test_the_kernel_equals_its_float64_twin(make: Any, kind: str, monkeypatch: p
     result = run(make(), aperture, monkeypatch)
     twin = factorised_echo(result.plan, result.work, CHIRP, aperture, result.two_sided)
     # float32 and the phasor's 1.3e-6, on terms up to some ten times larger than their sum
-    assert difference(result.h, twin) < 2e-5
+    assert difference(result.h, twin) < 3e-5
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -141,7 +141,7 @@ def test_on_an_open_sheet_with_shadows_the_kernel_equals_the_dense_sum(
     assert result.two_sided
     assert any(len(item.visibility.partial) for item in result.work)
     # visibility is interpolated between rays about 2 degrees apart, and shadow edges echo
-    assert difference_from_dense(result, aperture) < 0.05
+    assert difference_from_dense(result, aperture) < 0.015
 
 
 def test_a_finer_tolerance_comes_closer_to_the_dense_sum(monkeypatch: pytest.MonkeyPatch) -> None:

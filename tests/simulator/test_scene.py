@@ -97,6 +97,16 @@ def test_transmitter_and_receiver_on_opposite_sides_do_not_see_a_two_sided_sampl
         assert sample_states(two_plates, points, normal[None], True, below, below) == VISIBLE
 
 
+def test_chosen_pairs_give_the_states_of_all_pairs(rng: np.random.Generator, two_plates: Any) -> None:
+    points = lower_points(rng, 300)
+    normals = np.tile(UP, (300, 1))
+    for receivers in (None, ANTENNAS + 0.01):
+        everything = sample_states(two_plates, points, normals, False, ANTENNAS, receivers)
+        pairs = rng.integers(3, size=700), rng.integers(300, size=700)  # (position, sample)
+        chosen = sample_states(two_plates, points, normals, False, ANTENNAS, receivers, pairs)
+        assert (chosen == everything[pairs]).all()
+
+
 def test_no_sample_or_no_antenna_means_no_state(two_plates: Any) -> None:
     nothing, one = np.empty((0, 3)), np.array([[0.0, 0.0, LOWER_Z]])
     assert sample_states(two_plates, nothing, nothing, False, ANTENNAS, None).shape == (3, 0)
