@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 
 from waveformer.simulator.device import to_device, to_device_index
 from waveformer.simulator.factorisation import Factorisation, TileWork, factorise, tile_work
-from waveformer.simulator.kernel_factorised import Antennas, cell_moments, deposit_cells, deposit_samples
+from waveformer.simulator.kernel_factorised import (
+    Antennas,
+    NodeLanes,
+    cell_moments,
+    deposit_cells,
+    deposit_samples,
+)
 from waveformer.simulator.numerics import Numerics
 from waveformer.simulator.quadrature import SurfaceSamples, take
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Aperture, Chirp
@@ -22,7 +28,7 @@ from waveformer.simulator.subapertures import Tile, build_tiles
 from waveformer.simulator.visibility import VisibilityMap
 
 # Samples this close share the rays of the first look at visibility.
-PATCH_WAVELENGTHS = 1.0 / 3.0
+PATCH_WAVELENGTHS = 0.2
 # Lanes of (node, cell) in one launch: wide enough for all threads, about 32 MB of moments.
 _MAX_LANES = 1 << 19
 
@@ -113,30 +119,39 @@ def _moments_at_nodes(
     plan: Factorisation, tables: _SampleTables, batch: list[TileWork], two_sided: bool
 ) -> list[NDArray[np.float32]]:
     """Stage 1 for a batch of tiles: per tile (2 * NUM_MOMENTS, nodes, cells)."""
-    members, first, last, transmitters, receivers, offset = [], [], [], [], [], 0
-    for work in batch:
-        nodes = len(work.tile.node_tx_m)
-        centers = plan.cells.centers_m[work.cells]
-        members.append(work.members)
-        first.append(np.tile(work.first + offset, nodes))
-        last.append(np.tile(work.last + offset, nodes))
-        transmitters.append((work.tile.node_tx_m[:, None] - centers).reshape(-1, 3))
-        if work.tile.node_rx_m is not None:
-            receivers.append((work.tile.node_rx_m[:, None] - centers).reshape(-1, 3))
-        offset += len(work.members)
-    if offset == 0:
-        return [np.empty((2 * NUM_MOMENTS, len(work.tile.node_tx_m), 0), np.float32) for work in batch]
-    moments = cell_moments(
-        tables.in_cells,
-        to_device_index(np.concatenate(members)),
-        to_device_index(np.concatenate(first)),
-        to_device_index(np.concatenate(last)),
-        np.concatenate(transmitters),
-        np.concatenate(receivers) if receivers else None,
-        plan.ranges,
-        two_sided,
+    tile_tx, tile_rx = [work.tile.node_tx_m for work in batch], [work.tile.node_rx_m for work in batch]
+    counts = [(len(work.tile.node_tx_m), len(work.cells)) for work in batch]
+    members_before = np.cumsum([0, *(len(work.members) for work in batch)])
+    if members_before[-1] == 0:
+        return [np.empty((2 * NUM_MOMENTS, nodes, 0), np.float32) for nodes, _ in counts]
+    nodes_before = np.cumsum([0, *(nodes for nodes, _ in counts)])
+    cells_before = np.cumsum([0, *(cells for _, cells in counts)])
+    lanes = NodeLanes(
+        node=to_device_index(
+            np.concatenate(
+                [np.repeat(np.arange(n) + s, c) for (n, c), s in zip(counts, nodes_before, strict=False)]
+            )
+        ),
+        cell=to_device_index(
+            np.concatenate(
+                [np.tile(np.arange(c) + s, n) for (n, c), s in zip(counts, cells_before, strict=False)]
+            )
+        ),
+        transmitters=to_device(np.concatenate(tile_tx)),
+        receivers=None
+        if tile_rx[0] is None
+        else to_device(np.concatenate([rx for rx in tile_rx if rx is not None])),
+        centers=to_device(np.concatenate([plan.cells.centers_m[work.cells] for work in batch])),
+        first=to_device_index(
+            np.concatenate([work.first + s for work, s in zip(batch, members_before, strict=False)])
+        ),
+        last=to_device_index(
+            np.concatenate([work.last + s for work, s in zip(batch, members_before, strict=False)])
+        ),
     )
-    stops = np.cumsum([len(part) for part in transmitters])[:-1]
+    members = to_device_index(np.concatenate([work.members for work in batch]))
+    moments = cell_moments(tables.in_cells, members, lanes, plan.ranges, two_sided)
+    stops = np.cumsum([nodes * cells for nodes, cells in counts])[:-1]
     return [
         part.reshape(2 * NUM_MOMENTS, len(work.tile.node_tx_m), len(work.cells))
         for part, work in zip(np.split(moments, stops, axis=1), batch, strict=True)

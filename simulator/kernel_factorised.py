@@ -15,38 +15,48 @@ The NumPy float64 twin is `reference_factorised.factorised_echo`.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import drjit as dr
 import numpy as np
 from drjit.llvm.ad import Array3f, Array4f, Float, UInt32
 from numpy.typing import NDArray
 
-from waveformer.simulator.device import to_device, to_device_vectors
+from waveformer.simulator.device import to_device
 from waveformer.simulator.echo_terms import echo, leg, phasor
 from waveformer.simulator.range_bins import NUM_MOMENTS, RangeBins
 
 
+class NodeLanes(NamedTuple):
+    """The (node, cell) pairs of a batch of tiles, one a lane.
+
+    Attributes:
+        node, cell: which node and which cell a lane is.
+        transmitters, receivers: table of 3 floats a node; receivers None means monostatic.
+        centers: table of 3 floats a cell.
+        first, last: range of lit samples of every cell.
+    """
+
+    node: UInt32
+    cell: UInt32
+    transmitters: Float
+    receivers: Float | None
+    centers: Float
+    first: UInt32
+    last: UInt32
+
+
 def cell_moments(
-    samples: Float,
-    members: UInt32,
-    first: UInt32,
-    last: UInt32,
-    transmitters: NDArray[np.float64],
-    receivers: NDArray[np.float64] | None,
-    ranges: RangeBins,
-    two_sided: bool,
+    samples: Float, members: UInt32, lanes: NodeLanes, ranges: RangeBins, two_sided: bool
 ) -> NDArray[np.float32]:
     """Stage 1: moments of every cell's echo at every node position.
 
-    A lane is one (node, cell) pair and loops over the samples of the cell.
+    A lane is one (node, cell) pair and loops over the lit samples of the cell.
 
     Args:
         samples: table of 8 floats a sample: offset from the cell centre, normal, area, taper.
         members: sample indices, the lit ones of every cell together.
-        first, last: range of `members` of every lane.
-        transmitters, receivers: node position minus cell centre of every lane, (lanes, 3); receivers
-            None means monostatic.
+        lanes: the pairs.
         ranges: the carrier's wavelength and X, the scale of the moments.
         two_sided: see `echo_terms.echo`.
 
@@ -54,10 +64,12 @@ def cell_moments(
         Real and imaginary part of the moments sum g exp(-2 j k_c rho) (rho / X)^i,
         shape (2 * NUM_MOMENTS, lanes).
     """
-    transmit = to_device_vectors(transmitters)
-    transmit_range = to_device(np.linalg.norm(transmitters, axis=1))
-    receive = None if receivers is None else to_device_vectors(receivers)
-    receive_range = None if receivers is None else to_device(np.linalg.norm(receivers, axis=1))
+    center = dr.gather(Array3f, lanes.centers, lanes.cell)
+    transmit = dr.gather(Array3f, lanes.transmitters, lanes.node) - center
+    transmit_range = dr.norm(transmit)
+    receive = None if lanes.receivers is None else dr.gather(Array3f, lanes.receivers, lanes.node) - center
+    receive_range = None if receive is None else dr.norm(receive)
+    first, last = dr.gather(UInt32, lanes.first, lanes.cell), dr.gather(UInt32, lanes.last, lanes.cell)
     turns_per_metre = dr.opaque(Float, -2.0 / ranges.wavelength_m)
     inverse_scale = dr.opaque(Float, 1.0 / ranges.moment_scale_m)
 

@@ -137,7 +137,9 @@ class VisibilityMap:
         coarse[::2, ::2, ::2] = True
         on_coarse = np.flatnonzero(coarse)
         receivers = None if tile.ray_rx_m is None else tile.ray_rx_m[on_coarse]
-        corners = self._test_members(tile.ray_tx_m[on_coarse], receivers, members)
+        # samples of a patch share the rays of the first pass
+        _, first, patch = np.unique(self._patch[members], return_index=True, return_inverse=True)
+        corners = self._test_members(tile.ray_tx_m[on_coarse], receivers, members[first])[:, patch]
         corners = corners.reshape(*((count + 1) // 2 for count in shape), len(members))
         floor = np.ix_(*(np.arange(count) // 2 for count in shape))
         states, uncertain = corners[floor], np.zeros((*shape, len(members)), dtype=bool)

@@ -61,7 +61,7 @@ def test_a_bad_axis_is_refused_by_its_name(axis: Any, says: str) -> None:
     [
         ([0, 0], [1, 1], 0.1, "each of shape"),
         ([0, 0, 1], [1, 1, 0], 0.1, "min_m <= max_m"),
-        ([0, 0, np.nan], [1, 1, 1], 0.1, "min_m <= max_m"),
+        ([0, 0, np.nan], [1, 1, 1], 0.1, "corners must be finite"),
         ([0, 0, 0], [1, 1, 1], 0.0, "spacing_m must be positive"),
         ([0, 0, 0], [1, 1, 1], -0.1, "spacing_m must be positive"),
         ([0, 0, 0], [1, 1, 1], np.nan, "spacing_m must be positive"),
