@@ -1,0 +1,35 @@
+"""The named numerical settings."""
+
+import pytest
+from pydantic import ValidationError
+
+from waveformer.simulator.errors import RadarError
+from waveformer.simulator.numerics import EXACT, FAST, Numerics, resolve_numerics
+
+
+def test_modes_have_names_and_own_settings_pass_through() -> None:
+    assert resolve_numerics("fast") is FAST
+    assert resolve_numerics("exact") is EXACT
+    own = Numerics(spacing_wavelengths=0.2)
+    assert resolve_numerics(own) is own
+
+
+def test_exact_mode_shares_no_shortcut_with_fast_mode() -> None:
+    assert EXACT.direct and not FAST.direct
+    assert EXACT.spacing_wavelengths < FAST.spacing_wavelengths
+
+
+def test_an_unknown_mode_names_the_known_ones() -> None:
+    with pytest.raises(RadarError, match="unknown mode 'quick'; known: fast, exact"):
+        resolve_numerics("quick")
+
+
+@pytest.mark.parametrize("settings", [{"spacing": 0.3}, {"spacing_wavelengths": 1.0}, {"tolerance": 0.0}])
+def test_unknown_keys_and_senseless_values_are_refused(settings: dict[str, float]) -> None:
+    with pytest.raises(ValidationError):
+        Numerics(**settings)  # type: ignore[arg-type]
+
+
+def test_settings_are_frozen() -> None:
+    with pytest.raises(ValidationError):
+        FAST.direct = True  # type: ignore[misc]
