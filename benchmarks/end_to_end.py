@@ -25,7 +25,7 @@ def main(quick: bool) -> None:
     report(
         [
             {
-                "name": "mesh to raw signal, 2 threads",
+                "name": "mesh to raw signal",
                 "runs": len(timing.wall_s),
                 "wall_s": statistics.median(timing.wall_s),
                 "lowest_wall_s": min(timing.wall_s),

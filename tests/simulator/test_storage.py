@@ -55,8 +55,9 @@ def test_interrupted_overwriting_keeps_the_old_store(tmp_path):
 
 
 CHILD = """
-import sys, time
+import signal, sys, time
 from waveformer.simulator.storage import publish
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job inherits it ignored
 with publish(sys.argv[1]) as folder:
     (folder / "zarr.json").write_text('{"attributes": {}}')
     print("inside", flush=True)
