@@ -1,6 +1,7 @@
 """Speed and memory of waveformer on this machine, each benchmark in a process of its own.
 
-What the numbers mean: README.md. Nothing heavy is imported here: a child's peak memory starts from its parent's.
+What the numbers mean: README.md. Nothing heavy is imported here: a child's peak memory starts from its
+parent's.
 """
 
 from __future__ import annotations
