@@ -17,7 +17,6 @@ from waveformer.simulator.forward import simulate
 from waveformer.simulator.numerics import FAST
 from waveformer.simulator.quadrature import take
 from waveformer.simulator.radar import Aperture, Chirp
-from waveformer.simulator.range_bins import reference_phase
 from waveformer.simulator.reference import dense_echo
 from waveformer.simulator.reference_factorised import factorised_echo
 from waveformer.simulator.target import Target
@@ -29,44 +28,21 @@ SPARSE_CHIRP = Chirp(CHIRP.start_hz, CHIRP.bandwidth_hz, CHIRP.num_samples // ST
 
 def plan_work(surface: Surface) -> tuple[Factorisation, list[list[TileWork]]]:
     """Everything `fast_echo` does before it sums, taken out of a run of it: visibility, cells, tiles."""
-    recorded: list[Any] = []
-    form_batches = fast_echo._batches
-
-    def record(plan: Factorisation, *rest: Any) -> list[list[TileWork]]:
-        batches = list(form_batches(plan, *rest))
-        recorded.append((plan, batches))
-        return batches
-
-    fast_echo._batches = record
-    try:
-        fast_echo.fast_echo(
-            surface.scene,
-            surface.samples,
-            False,
-            surface.closest_m,
-            CHIRP,
-            APERTURE,
-            FAST,
-            None,
-            lambda rows, echo: None,
-        )
-    finally:
-        fast_echo._batches = form_batches
-    return recorded[0]
+    planned = fast_echo.plan_echo(
+        surface.scene, surface.samples, False, surface.closest_m, CHIRP, APERTURE, FAST
+    )
+    assert planned is not None
+    return planned[0], list(planned[1])
 
 
 def run_kernel(plan: Factorisation, batches: list[list[TileWork]]) -> Any:
     """Stages 1 to 4 of `fast_echo`, the transfer of the samples included; shape (N, T)."""
     h = np.zeros((len(APERTURE), CHIRP.num_samples), dtype=np.complex64)
-    tables = fast_echo._SampleTables(plan)
-    for batch in batches:
-        moments = fast_echo._moments_at_nodes(plan, tables, batch, False)
-        for work, at_nodes in zip(batch, moments, strict=True):
-            bins = fast_echo._tile_bins(plan, tables, work, at_nodes, APERTURE, False)
-            rows = work.tile.rows
-            h[rows] += (bins @ plan.ranges.to_samples) * reference_phase(
-                CHIRP, APERTURE, rows, plan.ranges.center_m
-            )
+
+    def add(rows: Any, echo: Any) -> None:
+        h[rows] += echo
+
+    fast_echo.sum_batches(plan, batches, False, CHIRP, APERTURE, None, add)
     return h
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -29,8 +29,8 @@ from waveformer.simulator.visibility import VisibilityMap
 
 # Samples this close share the rays of the first look at visibility.
 PATCH_WAVELENGTHS = 0.2
-# Lanes of (node, cell) in one launch: wide enough for all threads, about 32 MB of moments.
-_MAX_LANES = 1 << 19
+# Lanes of (node, cell) in one launch: wide enough for a few threads, small enough to overlap.
+_MAX_LANES = 1 << 18
 
 
 def fast_echo(
@@ -56,6 +56,28 @@ def fast_echo(
         tile_positions: most antenna positions in flight at once; None leaves it to a memory bound.
         add: called with rows (n,) and their echo (n, T), not yet multiplied by j Gamma / (4 pi).
     """
+    planned = plan_echo(scene, samples, two_sided, closest_m, chirp, aperture, numerics)
+    if planned is not None:
+        sum_batches(*planned, two_sided, chirp, aperture, tile_positions, add)
+
+
+def plan_echo(
+    scene: Any,
+    samples: SurfaceSamples,
+    two_sided: bool,
+    closest_m: float,
+    chirp: Chirp,
+    aperture: Aperture,
+    numerics: Numerics,
+) -> tuple[Factorisation, Iterator[list[TileWork]]] | None:
+    """Group samples and antennas and trace what sees what.
+
+    Arguments as in `fast_echo`.
+
+    Returns:
+        The plan, and the tiles with what they see, traced while they are taken, in batches for one launch;
+        None if no sample is seen.
+    """
     visibility = VisibilityMap(
         scene,
         samples,
@@ -66,7 +88,7 @@ def fast_echo(
     )
     seen = np.flatnonzero(visibility.seen)
     if len(seen) == 0:
-        return
+        return None
     plan, order = factorise(take(samples, seen), chirp, facet_taper=numerics.facet_taper)
     visibility = visibility.select(seen[order])
     tiles = build_tiles(
@@ -77,14 +99,67 @@ def fast_echo(
         numerics.tolerance,
         closest_m * np.radians(numerics.leaf_spacing_deg),
     )
+    return plan, _batches(plan, tiles, visibility)
+
+
+def sum_batches(
+    plan: Factorisation,
+    batches: Iterable[list[TileWork]],
+    two_sided: bool,
+    chirp: Chirp,
+    aperture: Aperture,
+    tile_positions: int | None,
+    add: Callable[[NDArray[np.int64], NDArray[np.complex64]], None],
+) -> None:
+    """Stages 1 to 4 over batches of tiles.
+
+    Args:
+        plan, batches: from `plan_echo`.
+        two_sided, chirp, aperture, tile_positions, add: as in `fast_echo`.
+    """
     tables = _SampleTables(plan)
-    for batch in _batches(plan, tiles, visibility):
-        moments = _moments_at_nodes(plan, tables, batch, two_sided)
-        for work, at_nodes in zip(batch, moments, strict=True):
+
+    def finish(tile: Tile, bins: Float) -> None:
+        flat = np.ascontiguousarray(bins.numpy(), dtype=np.float32)
+        packed = flat.view(np.complex64).reshape(len(tile.rows), -1)
+        spectrum = packed @ plan.ranges.to_samples  # stage 4: (n, bin * moment) @ (bin * moment, T)
+        add(tile.rows, spectrum * reference_phase(chirp, aperture, tile.rows, plan.ranges.center_m))
+
+    # Always one step behind: NumPy works on what is ready while the device threads work on what comes next.
+    running: tuple[Tile, Float] | None = None
+    for batch, at_nodes in _one_behind(plan, tables, batches, two_sided):
+        for work, moments in zip(batch, _by_tile(batch, at_nodes), strict=True):
             for tile in work.tile.split(tile_positions):
-                bins = _tile_bins(plan, tables, replace(work, tile=tile), at_nodes, aperture, two_sided)
-                spectrum = bins @ plan.ranges.to_samples  # stage 4: (n, bin * moment) @ (bin * moment, T)
-                add(tile.rows, spectrum * reference_phase(chirp, aperture, tile.rows, plan.ranges.center_m))
+                bins = _tile_bins(plan, tables, replace(work, tile=tile), moments, aperture, two_sided)
+                if running is not None:
+                    finish(*running)
+                running = (tile, bins)
+    if running is not None:
+        finish(*running)
+
+
+def _one_behind(
+    plan: Factorisation, tables: _SampleTables, batches: Iterable[list[TileWork]], two_sided: bool
+) -> Iterator[tuple[list[TileWork], list[Float]]]:
+    """Launch stage 1 of every batch as it comes, and hand it out when the next one has been launched."""
+    waiting: tuple[list[TileWork], list[Float]] | None = None
+    for batch in batches:
+        launched = (batch, _moments_at_nodes(plan, tables, batch, two_sided))
+        if waiting is not None:
+            yield waiting
+        waiting = launched
+    if waiting is not None:
+        yield waiting
+
+
+def _by_tile(batch: list[TileWork], at_nodes: list[Float]) -> list[NDArray[np.float32]]:
+    """Moments of a batch per tile, (2 * NUM_MOMENTS, nodes, cells)."""
+    shapes = [(2 * NUM_MOMENTS, len(work.tile.node_tx_m), len(work.cells)) for work in batch]
+    if not at_nodes:
+        return [np.empty(shape, np.float32) for shape in shapes]
+    moments = np.stack([part.numpy() for part in at_nodes])
+    stops = np.cumsum([nodes * cells for _, nodes, cells in shapes])[:-1]
+    return [part.reshape(shape) for part, shape in zip(np.split(moments, stops, axis=1), shapes, strict=True)]
 
 
 class _SampleTables:
@@ -117,13 +192,13 @@ def _batches(plan: Factorisation, tiles: list[Tile], visibility: VisibilityMap) 
 
 def _moments_at_nodes(
     plan: Factorisation, tables: _SampleTables, batch: list[TileWork], two_sided: bool
-) -> list[NDArray[np.float32]]:
-    """Stage 1 for a batch of tiles: per tile (2 * NUM_MOMENTS, nodes, cells)."""
+) -> list[Float]:
+    """Stage 1 for a batch of tiles; empty if none of them sees a cell whole."""
     tile_tx, tile_rx = [work.tile.node_tx_m for work in batch], [work.tile.node_rx_m for work in batch]
     counts = [(len(work.tile.node_tx_m), len(work.cells)) for work in batch]
     members_before = np.cumsum([0, *(len(work.members) for work in batch)])
     if members_before[-1] == 0:
-        return [np.empty((2 * NUM_MOMENTS, nodes, 0), np.float32) for nodes, _ in counts]
+        return []
     nodes_before = np.cumsum([0, *(nodes for nodes, _ in counts)])
     cells_before = np.cumsum([0, *(cells for _, cells in counts)])
     lanes = NodeLanes(
@@ -150,12 +225,7 @@ def _moments_at_nodes(
         ),
     )
     members = to_device_index(np.concatenate([work.members for work in batch]))
-    moments = cell_moments(tables.in_cells, members, lanes, plan.ranges, two_sided)
-    stops = np.cumsum([nodes * cells for nodes, cells in counts])[:-1]
-    return [
-        part.reshape(2 * NUM_MOMENTS, len(work.tile.node_tx_m), len(work.cells))
-        for part, work in zip(np.split(moments, stops, axis=1), batch, strict=True)
-    ]
+    return cell_moments(tables.in_cells, members, lanes, plan.ranges, two_sided)
 
 
 def _tile_bins(
@@ -165,8 +235,8 @@ def _tile_bins(
     at_nodes: NDArray[np.float32],
     aperture: Aperture,
     two_sided: bool,
-) -> NDArray[np.complex64]:
-    """Stages 2 and 3 for one tile: its range bins, (n, bins * NUM_MOMENTS) complex64."""
+) -> Float:
+    """Stages 2 and 3 for one tile: its range bins, launched and not waited for."""
     rows, ranges, partial = work.tile.rows, plan.ranges, work.visibility.partial
     receivers = None if aperture.rx_m is None else aperture.rx_m[rows] - ranges.center_m
     antennas = Antennas(aperture.tx_m[rows] - ranges.center_m, receivers)
@@ -191,5 +261,5 @@ def _tile_bins(
             to_device(work.tile.ray_weights @ work.visibility.partial_visible),
             two_sided,
         )
-    flat = np.ascontiguousarray(bins.numpy(), dtype=np.float32)
-    return flat.view(np.complex64).reshape(len(rows), ranges.count * NUM_MOMENTS)
+    dr.eval(bins)
+    return bins

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from waveformer.simulator.blas import single_blas_thread
 from waveformer.simulator.errors import MeshError, RadarError
 from waveformer.simulator.measurement import Measurement
 from waveformer.simulator.mesh import SurfaceMesh, load_mesh
@@ -89,9 +90,10 @@ def simulate(
 
     scene = build_scene([(item.vertices_m, item.mesh.faces) for item in placed])
     h = np.zeros((len(aperture), chirp.num_samples), dtype=np.complex64)
-    for index, item in enumerate(placed):
-        share = _share(progress, index, len(placed))
-        _add_echo(h, scene, item, chirp, aperture, numerics, tile_positions, share)
+    with single_blas_thread():
+        for index, item in enumerate(placed):
+            share = _share(progress, index, len(placed))
+            _add_echo(h, scene, item, chirp, aperture, numerics, tile_positions, share)
     if progress is not None:
         progress(len(aperture), len(aperture))
     metadata = {

@@ -12,10 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
 
+from waveformer.simulator.blas import single_blas_thread
 from waveformer.simulator.errors import RadarError
 from waveformer.simulator.grid import Grid
 from waveformer.simulator.measurement import Measurement
@@ -87,7 +89,7 @@ def backproject(
     bias = np.exp(2j * np.pi * chirp.frequencies_hz * measurement.range_bias_m / SPEED_OF_LIGHT_M_PER_S)
     image = np.empty(grid.shape, dtype=np.complex64)
     done = 0
-    for block in grid_blocks(grid, chirp, aperture):
+    for block in _with_one_blas_thread(grid_blocks(grid, chirp, aperture)):
         operator = BlockOperator(block, aperture)
         for tile in block.tiles:
             h = measurement.h[tile.rows] * bias.astype(np.complex64)
@@ -124,7 +126,7 @@ def project(
     from waveformer.simulator.image_blocks import BlockOperator
 
     h = np.zeros((len(aperture), chirp.num_samples), dtype=np.complex64)
-    for block in grid_blocks(grid, chirp, aperture):
+    for block in _with_one_blas_thread(grid_blocks(grid, chirp, aperture)):
         operator = BlockOperator(block, aperture)
         amplitudes = values[block.slices].reshape(-1)[block.order]
         for tile in block.tiles:
@@ -133,17 +135,26 @@ def project(
     return h
 
 
+def _with_one_blas_thread(blocks: Iterator[GridBlock]) -> Iterator[GridBlock]:
+    with single_blas_thread():
+        yield from blocks
+
+
 def grid_blocks(grid: Grid, chirp: Chirp, aperture: Aperture) -> Iterator[GridBlock]:
     """Cut a grid into blocks of cells about 2.5 wavelengths wide; memory is that of one block."""
     wavelength = SPEED_OF_LIGHT_M_PER_S / chirp.center_hz
     axes = (grid.x, grid.y, grid.z)
     cells = [_cut(axis, CELL_EDGE_WAVELENGTHS * wavelength) for axis in axes]
-    steps = [range(0, len(cuts) - 1, _CELLS_PER_BLOCK_EDGE) for cuts in cells]
-    for i in steps[0]:
-        for j in steps[1]:
-            for k in steps[2]:
-                cuts = [cells[a][s : s + _CELLS_PER_BLOCK_EDGE + 1] for a, s in enumerate((i, j, k))]
-                yield _block(axes, cuts, chirp, aperture)
+    for cuts in product(*(_even_runs(along) for along in cells)):
+        yield _block(axes, list(cuts), chirp, aperture)
+
+
+def _even_runs(cuts: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """Cuts of one axis in runs of equally many cells, up to the block's edge."""
+    num_cells = len(cuts) - 1
+    num_runs = -(-num_cells // _CELLS_PER_BLOCK_EDGE)
+    ends = np.linspace(0, num_cells, num_runs + 1).round().astype(int)
+    return [cuts[start : stop + 1] for start, stop in pairwise(ends)]
 
 
 def _cut(axis: NDArray[np.float64], edge_m: float) -> NDArray[np.int64]:

@@ -48,8 +48,8 @@ class NodeLanes(NamedTuple):
 
 def cell_moments(
     samples: Float, members: UInt32, lanes: NodeLanes, ranges: RangeBins, two_sided: bool
-) -> NDArray[np.float32]:
-    """Stage 1: moments of every cell's echo at every node position.
+) -> list[Float]:
+    """Stage 1: moments of every cell's echo at every node position, launched and not waited for.
 
     A lane is one (node, cell) pair and loops over the lit samples of the cell.
 
@@ -61,8 +61,8 @@ def cell_moments(
         two_sided: see `echo_terms.echo`.
 
     Returns:
-        Real and imaginary part of the moments sum g exp(-2 j k_c rho) (rho / X)^i,
-        shape (2 * NUM_MOMENTS, lanes).
+        Real and imaginary parts of the moments sum g exp(-2 j k_c rho) (rho / X)^i: 2 * NUM_MOMENTS
+        arrays (lanes,).
     """
     center = dr.gather(Array3f, lanes.centers, lanes.cell)
     transmit = dr.gather(Array3f, lanes.transmitters, lanes.node) - center
@@ -96,7 +96,7 @@ def cell_moments(
         state=(UInt32(first), *zeros), cond=lambda index, *_: index < last, body=body, label="cell_moments"
     )
     dr.eval(state)  # all sums in one launch
-    return np.stack([value.numpy() for value in state[1:]])
+    return list(state[1:])
 
 
 class Antennas:
@@ -162,12 +162,11 @@ def deposit_cells(
         for i in range(NUM_MOMENTS)
     ]
     shifted = [_shifted([value[part] for value in rotated], offset) for part in range(2)]
-    _add_to_bins(
-        bins,
-        row * dr.opaque(UInt32, ranges.count) + bin_index,
-        list(zip(*shifted, strict=True)),
-        dr.mask_t(Float)(True),
-    )
+    complex_moments = list(zip(*shifted, strict=True))
+    index = row * dr.opaque(UInt32, ranges.count) + bin_index
+    for half in range(2):  # Dr.Jit scatters packets of four floats
+        packet = Array4f(*complex_moments[2 * half], *complex_moments[2 * half + 1])
+        dr.scatter_reduce(dr.ReduceOp.Add, bins, packet, 2 * index + half)
 
 
 def deposit_samples(
@@ -198,10 +197,11 @@ def deposit_samples(
     amplitude = amplitude * seen
     bin_index, offset = bin_of(excess, ranges)
     real, imaginary = phasor(excess * dr.opaque(Float, -2.0 / ranges.wavelength_m))
-    moments = [(real * amplitude, imaginary * amplitude)]
-    for _ in range(NUM_MOMENTS - 1):
-        moments.append((moments[-1][0] * offset, moments[-1][1] * offset))
-    _add_to_bins(bins, row * dr.opaque(UInt32, ranges.count) + bin_index, moments, amplitude != 0)
+    # a lone sample lies within half a bin of its bin, where two moments reach the tolerance
+    real, imaginary = real * amplitude, imaginary * amplitude
+    packet = Array4f(real, imaginary, real * offset, imaginary * offset)
+    index = row * dr.opaque(UInt32, ranges.count) + bin_index
+    dr.scatter_reduce(dr.ReduceOp.Add, bins, packet, 2 * index, amplitude != 0)
 
 
 def range_excess(difference: Any, square: Any, range_m: Any) -> Any:
@@ -216,13 +216,6 @@ def antenna_lanes(num_antennas: int, num_columns: int) -> tuple[UInt32, UInt32, 
     lane = dr.arange(UInt32, num_antennas * num_columns)
     row = lane // dr.opaque(UInt32, num_columns)
     return lane, row, lane - row * dr.opaque(UInt32, num_columns)
-
-
-def _add_to_bins(bins: Float, index: UInt32, moments: list[tuple[Any, Any]], active: Any) -> None:
-    """Add four complex moments to bin `index`; Dr.Jit scatters packets of four floats."""
-    for half in range(2):
-        packet = Array4f(*moments[2 * half], *moments[2 * half + 1])
-        dr.scatter_reduce(dr.ReduceOp.Add, bins, packet, 2 * index + half, active)
 
 
 def bin_of(excess_m: Any, ranges: RangeBins) -> tuple[Any, Any]:

@@ -74,8 +74,9 @@ def _deposit(
     ranges: RangeBins,
     moments: NDArray[np.complex128],
     excess_m: NDArray[np.float64],
+    count: int = NUM_MOMENTS,
 ) -> None:
-    """Stage 3: carrier to the antenna, moments about the bin's centre, sum into the bin."""
+    """Stage 3: carrier to the antenna, `count` moments about the bin's centre, sum into the bin."""
     nearest = np.round(excess_m / ranges.width_m)
     offset = (excess_m - nearest * ranges.width_m) / ranges.moment_scale_m
     rotated = moments * np.exp(-4j * np.pi / ranges.wavelength_m * excess_m)[..., None]
@@ -87,7 +88,7 @@ def _deposit(
         m3 + 3.0 * offset * m2 + 3.0 * offset**2 * m1 + offset**3 * m0,
     )
     index = (nearest.astype(np.int64) + ranges.count // 2) + np.arange(len(bins))[:, None] * ranges.count
-    for moment, value in enumerate(shifted):
+    for moment, value in enumerate(shifted[:count]):
         for part, target in ((value.real, bins.real), (value.imag, bins.imag)):
             sums = np.bincount(index.ravel(), weights=part.ravel(), minlength=len(bins) * ranges.count)
             target[..., moment] += sums.reshape(len(bins), ranges.count)
@@ -108,7 +109,7 @@ def _deposit_partial(
     amplitude = amplitude * (item.tile.ray_weights.astype(np.float64) @ item.visibility.partial_visible)
     moments = np.zeros((*amplitude.shape, NUM_MOMENTS), dtype=np.complex128)
     moments[..., 0] = amplitude
-    _deposit(bins, plan.ranges, moments, _excess(aperture, item, plan, samples.points_m[partial]))
+    _deposit(bins, plan.ranges, moments, _excess(aperture, item, plan, samples.points_m[partial]), count=2)
 
 
 def _excess(

@@ -32,7 +32,7 @@ def test_fast_defaults_match_a_converged_reference_on_concave_objects(
 ) -> None:
     target = resting(shared_meshes / f"ycb/{name}.ply", -0.45)
     aperture = Aperture.from_preset("mito")
-    rows = np.sort(np.random.default_rng(0).choice(len(aperture), 40, replace=False))
+    rows = np.sort(np.random.default_rng(0).choice(len(aperture), 100, replace=False))
     fast = simulate(target, CHIRP, aperture).h[rows]
     reference = simulate(target, CHIRP, Aperture(aperture.tx_m[rows]), mode=CONVERGED).h
     fast_peak, reference_peak = (np.abs(np.fft.ifft(h, 2048, axis=1)).max(axis=1) for h in (fast, reference))
