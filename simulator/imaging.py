@@ -28,7 +28,7 @@ from waveformer.simulator.subapertures import Tile, build_tiles
 
 TOLERANCE = 1e-3
 CELL_EDGE_WAVELENGTHS = 2.5
-_CELLS_PER_BLOCK_EDGE = 12
+_CELLS_PER_BLOCK_EDGE = 16
 
 
 @dataclass(frozen=True, eq=False)
