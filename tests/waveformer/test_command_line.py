@@ -15,7 +15,7 @@ from waveformer.simulator.errors import MeshError
 FAILURES = {
     "mesh": lambda: MeshError("mesh.empty", "cup.ply holds\nno faces"),
     "disk": lambda: OSError(errno.ENOSPC, "No space left on device", "/data/scan.zarr"),
-    "permission": lambda: PermissionError(errno.EACCES, "Permission denied", "/root/x"),
+    "permission": lambda: PermissionError(errno.EACCES, "Permission denied", "/data/locked.zarr"),
     "interrupt": KeyboardInterrupt,
     "defect": lambda: ZeroDivisionError("a defect"),
 }
@@ -40,7 +40,7 @@ def run(monkeypatch):
     [
         ("mesh", 1, "error: cup.ply holds no faces"),
         ("disk", 1, "error: No space left on device: /data/scan.zarr"),
-        ("permission", 1, "error: Permission denied: /root/x"),
+        ("permission", 1, "error: Permission denied: /data/locked.zarr"),
         ("interrupt", 130, "interrupted; nothing half-written was kept"),
     ],
 )
