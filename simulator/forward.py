@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -207,6 +207,3 @@ def _share(progress: Progress | None, index: int, count: int) -> Progress | None
     if progress is None:
         return None
     return lambda done, total: progress((index * total + done) // count, total)
-
-
-__all__: Sequence[str] = ["PlacedTarget", "simulate"]
