@@ -129,7 +129,7 @@ def test_a_wall_cuts_the_aperture_in_two() -> None:
 
 
 def test_between_disagreeing_corners_the_lattice_is_traced_not_filled() -> None:
-    _, samples, seen, tiles = setting(lying_mug(), GRID)
+    _, _samples, seen, tiles = setting(lying_mug(), GRID)
     filled = shadow_edges = 0
     for tile in tiles:
         if tile.ray_shape is None or max(tile.ray_shape) < 3:
