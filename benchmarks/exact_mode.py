@@ -17,7 +17,7 @@ from waveformer.simulator.numerics import EXACT
 from waveformer.simulator.quadrature import SurfaceSamples, take
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Aperture
 from waveformer.simulator.reference import dense_echo
-from waveformer.simulator.scene import VISIBLE, sample_states
+from waveformer.simulator.scene import VISIBLE, SampleTable, sample_states
 
 _WAVELENGTH_M = SPEED_OF_LIGHT_M_PER_S / CHIRP.center_hz
 
@@ -56,7 +56,10 @@ def main(quick: bool) -> None:
     aperture = replace(APERTURE, tx_m=APERTURE.tx_m[:: 150 if quick else 75])
     samples = surface.samples
     visible = (
-        sample_states(surface.scene, samples.points_m, samples.normals, False, aperture.tx_m, None) == VISIBLE
+        sample_states(
+            surface.scene, SampleTable(samples.points_m, samples.normals), False, aperture.tx_m, None
+        )
+        == VISIBLE
     )
     pairs = int(visible.sum())
     runs = 3 if quick else 5

@@ -19,7 +19,7 @@ from waveformer.simulator.numerics import Numerics
 from waveformer.simulator.quadrature import SurfaceSamples
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Aperture, Chirp
 from waveformer.simulator.range_bins import reference_phase
-from waveformer.simulator.scene import VISIBLE, sample_states
+from waveformer.simulator.scene import VISIBLE, SampleTable, sample_states
 
 _MAX_PAIRS = 1 << 22
 
@@ -47,6 +47,8 @@ def exact_echo(
         [samples.points_m - center, samples.normals, samples.areas_m2[:, None], taper[:, None]], axis=1
     )
 
+    traced = SampleTable(samples.points_m, samples.normals)
+
     def integrand(legs: list[Leg], area: Any, taper: Any) -> tuple[Any, Any]:
         return echo(legs[0], legs[1] if len(legs) > 1 else None, area, taper, two_sided)
 
@@ -56,9 +58,7 @@ def exact_echo(
     for start in range(0, len(aperture), rows_per_group):
         rows = np.arange(start, min(start + rows_per_group, len(aperture)))
         receivers = None if aperture.rx_m is None else aperture.rx_m[rows]
-        states = sample_states(
-            scene, samples.points_m, samples.normals, two_sided, aperture.tx_m[rows], receivers
-        )
+        states = sample_states(scene, traced, two_sided, aperture.tx_m[rows], receivers)
         seen = np.flatnonzero((states == VISIBLE).any(axis=0))
         if len(seen) == 0:
             continue

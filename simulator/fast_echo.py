@@ -122,7 +122,10 @@ def sum_batches(
     def finish(tile: Tile, bins: Float) -> None:
         flat = np.ascontiguousarray(bins.numpy(), dtype=np.float32)
         packed = flat.view(np.complex64).reshape(len(tile.rows), -1)
-        spectrum = packed @ plan.ranges.to_samples  # stage 4: (n, bin * moment) @ (bin * moment, T)
+        filled = np.flatnonzero(packed.any(axis=0))
+        used = slice(filled.min(initial=packed.shape[1]), filled.max(initial=-1) + 1)
+        # stage 4: (n, bin * moment) @ (bin * moment, T), without the empty bins at both ends
+        spectrum = packed[:, used] @ plan.ranges.to_samples[used]
         add(tile.rows, spectrum * reference_phase(chirp, aperture, tile.rows, plan.ranges.center_m))
 
     # Always one step behind: NumPy works on what is ready while the device threads work on what comes next.

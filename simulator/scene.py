@@ -40,78 +40,91 @@ def build_scene(meshes: Sequence[tuple[NDArray[np.float64], NDArray[np.int64]]])
     return mi.load_dict({"type": "scene", **shapes})
 
 
+class SampleTable:
+    """Samples on the device, uploaded once for all launches.
+
+    Args:
+        points_m, normals: shape (S, 3).
+    """
+
+    def __init__(self, points_m: NDArray[np.float64], normals: NDArray[np.float64]) -> None:
+        from waveformer.simulator.device import to_device
+
+        self.count = len(points_m)
+        self.points, self.normals = to_device(points_m), to_device(normals)
+
+
 def sample_states(
     scene: Any,
-    points_m: NDArray[np.float64],
-    normals: NDArray[np.float64],
+    samples: SampleTable,
     two_sided: bool,
     tx_m: NDArray[np.float64],
     rx_m: NDArray[np.float64] | None,
+    *,
+    members: NDArray[np.int64] | None = None,
     pairs: tuple[NDArray[Any], ...] | None = None,
 ) -> NDArray[np.uint8]:
     """BACK_FACING, BLOCKED or VISIBLE for pairs of antenna position and sample.
 
     Args:
         scene: from `build_scene`.
-        points_m, normals: samples, (S, 3).
+        samples: S samples.
         two_sided: a two-sided sample never faces away.
         tx_m, rx_m: positions (P, 3); rx_m None means monostatic.
-        pairs: position and sample of the pairs to test, (L,) each; None tests all.
+        members: rows of `samples` to test, (M,); None means all.
+        pairs: row of `tx_m` and entry of `members` of the pairs to test, (L,) each; None tests all.
 
     Returns:
-        Shape (P, S), or (L,) for given pairs.
+        Shape (P, M), or (L,) for given pairs.
     """
     if pairs is not None:
-        parts = [
-            _launch(
-                scene,
-                points_m,
-                normals,
-                two_sided,
-                tx_m,
-                rx_m,
-                tuple(part[start:][:_LANES_PER_LAUNCH] for part in pairs),
-            )
-            for start in range(0, len(pairs[0]), _LANES_PER_LAUNCH)
-        ]
+        parts = []
+        for start in range(0, len(pairs[0]), _LANES_PER_LAUNCH):
+            row, column = (part[start:][:_LANES_PER_LAUNCH] for part in pairs)
+            sample = column if members is None else members[column]
+            parts.append(_launch(scene, samples, two_sided, tx_m, rx_m, row, sample))
         return np.concatenate(parts) if parts else np.empty(0, dtype=np.uint8)
-    states = np.empty((len(tx_m), len(points_m)), dtype=np.uint8)
-    rows_per_launch = max(1, _LANES_PER_LAUNCH // max(1, len(points_m)))
+    count = samples.count if members is None else len(members)
+    states = np.empty((len(tx_m), count), dtype=np.uint8)
+    rows_per_launch = max(1, _LANES_PER_LAUNCH // max(1, count))
     for start in range(0, len(tx_m) if states.size else 0, rows_per_launch):
         rows = slice(start, start + rows_per_launch)
         receivers = None if rx_m is None else rx_m[rows]
-        flat = _launch(scene, points_m, normals, two_sided, tx_m[rows], receivers, None)
-        states[rows] = flat.reshape(len(points_m), -1).T
+        flat = _launch(scene, samples, two_sided, tx_m[rows], receivers, None, members)
+        states[rows] = flat.reshape(count, -1).T
     return states
 
 
 def _launch(
     scene: Any,
-    points_m: NDArray[np.float64],
-    normals: NDArray[np.float64],
+    samples: SampleTable,
     two_sided: bool,
     tx_m: NDArray[np.float64],
     rx_m: NDArray[np.float64] | None,
-    pairs: tuple[NDArray[Any], ...] | None,
+    row: NDArray[Any] | None,
+    sample: NDArray[Any] | None,
 ) -> NDArray[np.uint8]:
-    """States in one launch, a lane a pair; all pairs come sample by sample."""
+    """States in one launch, a lane a pair; without rows all pairs, sample by sample."""
     import drjit as dr
     import mitsuba as mi
 
     from waveformer.simulator.device import to_device, to_device_index
 
-    if pairs is None:
+    chosen = None if sample is None else to_device_index(sample)
+    if row is None:
         # rays that leave one sample side by side traverse the same nodes
-        lane = dr.arange(mi.UInt32, len(tx_m) * len(points_m))
-        sample = lane // dr.opaque(mi.UInt32, len(tx_m))
-        row = lane - sample * dr.opaque(mi.UInt32, len(tx_m))
+        columns = samples.count if sample is None else len(sample)
+        lane = dr.arange(mi.UInt32, len(tx_m) * columns)
+        column = lane // dr.opaque(mi.UInt32, len(tx_m))
+        lane_row = lane - column * dr.opaque(mi.UInt32, len(tx_m))
+        lane_sample = column if chosen is None else dr.gather(mi.UInt32, chosen, column)
     else:
-        row, sample = (to_device_index(part) for part in pairs)
-    point = dr.gather(mi.Point3f, to_device(points_m), sample)
-    normal = dr.gather(mi.Vector3f, to_device(normals), sample)
+        lane_row, lane_sample = to_device_index(row), chosen
+    point = dr.gather(mi.Point3f, samples.points, lane_sample)
+    normal = dr.gather(mi.Vector3f, samples.normals, lane_sample)
     facing, free, side = mi.Bool(True), mi.Bool(True), None
     for positions in (tx_m,) if rx_m is None else (tx_m, rx_m):
-        antenna = dr.gather(mi.Point3f, to_device(positions), row)
+        antenna = dr.gather(mi.Point3f, to_device(positions), lane_row)
         towards = dr.dot(normal, antenna - point)
         if side is None:
             side = dr.select(towards < 0, -1.0, 1.0) if two_sided else mi.Float(1.0)

@@ -11,8 +11,12 @@ from numpy.typing import NDArray
 
 from waveformer.simulator.quadrature import SurfaceSamples, take
 from waveformer.simulator.radar import Aperture
-from waveformer.simulator.scene import BACK_FACING, BLOCKED, VISIBLE, sample_states
+from waveformer.simulator.scene import BLOCKED, VISIBLE, SampleTable, sample_states
 from waveformer.simulator.subapertures import Tile, corner_rows, probe_rows
+
+# The echo of a shadow's edge grows with the cosine on the surface that it falls on: below this one its place
+# is interpolated between every second ray position of a tile instead of traced at all.
+GRAZING_COSINE = 0.25
 
 
 @dataclass(frozen=True)
@@ -22,18 +26,12 @@ class TileVisibility:
     Attributes:
         lit: samples that all of the tile sees, increasing, shape (L,).
         partial: samples that only some of the tile's ray positions see, increasing, shape (P,).
-        partial_visible: 1 or 0 for every ray position and partial sample, shape (L, P).
+        partial_visible: 0 .. 1 for every ray position and partial sample, shape (L, P).
     """
 
     lit: NDArray[np.int64]
     partial: NDArray[np.int64]
     partial_visible: NDArray[np.float32]
-
-
-def _sort(states: NDArray[np.uint8]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Samples (columns) that all rows see, where they face at all, and samples the rows disagree on."""
-    visible, blocked = (states == VISIBLE).any(axis=0), (states == BLOCKED).any(axis=0)
-    return np.flatnonzero(visible & ~blocked), np.flatnonzero(visible & blocked)
 
 
 def _patches(samples: SurfaceSamples, extent_m: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -69,69 +67,74 @@ class VisibilityMap:
         probe_spacing_m: float,
         patch_m: float,
     ) -> None:
-        self._scene, self._samples, self._two_sided, self._aperture = scene, samples, two_sided, aperture
-        self._centers = 0.5 * (aperture.tx_m + aperture.receivers_m)
+        self._scene, self._two_sided, self._aperture = scene, two_sided, aperture
         self._spacing_m = probe_spacing_m
+        self._centers = 0.5 * (aperture.tx_m + aperture.receivers_m)
         self._probes = probe_rows(aperture, probe_spacing_m)
         self._patch, representative = _patches(samples, patch_m)
+        self._hold(samples)
         receivers = None if aperture.rx_m is None else aperture.rx_m[self._probes]
         # (probes, patches); what changes inside a patch also changes between patches and is traced later
-        self._states = sample_states(
-            scene,
-            samples.points_m[representative],
-            samples.normals[representative],
-            two_sided,
-            aperture.tx_m[self._probes],
-            receivers,
-        )
+        states = self._trace(aperture.tx_m[self._probes], receivers, representative)
+        # a bit a probe, (probes / 8, patches)
+        self._visible, self._blocked = (np.packbits(states == kind, axis=0) for kind in (VISIBLE, BLOCKED))
+
+    def _hold(self, samples: SurfaceSamples) -> None:
+        self._samples, self._table = samples, SampleTable(samples.points_m, samples.normals)
 
     def select(self, index: NDArray[np.int64]) -> VisibilityMap:
         """The map of the samples at `index`, without new rays."""
         selected = copy(self)
-        selected._samples = take(self._samples, index)
+        selected._hold(take(self._samples, index))
         selected._patch = self._patch[index]
         return selected
 
     @property
     def seen(self) -> NDArray[np.bool_]:
         """Samples that some probe sees, or that face away from all of them and may face others, (S,)."""
-        seen = (self._states == VISIBLE).any(axis=0) | (self._states != BLOCKED).all(axis=0)
-        return np.asarray(seen[self._patch])
+        seen = np.asarray(self._visible.any(axis=0) | ~self._blocked.any(axis=0))
+        return seen.take(self._patch)
 
     def of_tile(self, tile: Tile) -> TileVisibility:
         """Sort the samples by what the tile sees, with its own rays where the probes disagree."""
-        states = self._states[self._near(tile)]
-        lit, mixed = (self._samples_of(patches) for patches in _sort(states))
-        turned_away = self._samples_of(np.flatnonzero((states == BACK_FACING).all(axis=0)))
+        lit, mixed, turned_away = self._by_near_probes(tile)
         lit = np.concatenate([lit, self._limb(tile, turned_away)])
         # most of what the surroundings disagree on is unanimous inside the tile
         corners = tile.rows[corner_rows(self._centers[tile.rows])]
-        receivers = self._aperture.rx_m
-        also_lit, mixed_here = _sort(
-            self._test_members(
-                self._aperture.tx_m[corners], None if receivers is None else receivers[corners], mixed
-            )
-        )
-        lit, mixed = np.concatenate([lit, mixed[also_lit]]), mixed[mixed_here]
+        receivers = None if self._aperture.rx_m is None else self._aperture.rx_m[corners]
+        states = self._trace(self._aperture.tx_m[corners], receivers, mixed)
+        visible, blocked = (states == VISIBLE).any(axis=0), (states == BLOCKED).any(axis=0)
+        lit, mixed = np.concatenate([lit, mixed[visible & ~blocked]]), mixed[visible & blocked]
         if len(mixed) == 0:
             return TileVisibility(np.sort(lit), mixed, np.empty((len(tile.ray_tx_m), 0), np.float32))
         if tile.ray_shape is None:
-            states = self._test_members(tile.ray_tx_m, tile.ray_rx_m, mixed)
+            states = self._trace(tile.ray_tx_m, tile.ray_rx_m, mixed)
+            share = (states == VISIBLE).astype(np.float32)
+            whole = (states != BLOCKED).all(axis=0)
         else:
-            states = self._trace_lattice(tile, tile.ray_shape, mixed)
-        whole = (states != BLOCKED).all(axis=0)
-        partial = ~whole & (states == VISIBLE).any(axis=0)
-        return TileVisibility(
-            np.sort(np.concatenate([lit, mixed[whole]])),
-            mixed[partial],
-            (states[:, partial] == VISIBLE).astype(np.float32),
+            share, whole = self._trace_lattice(tile, tile.ray_shape, mixed)
+        partial = ~whole & share.any(axis=0)
+        return TileVisibility(np.sort(np.concatenate([lit, mixed[whole]])), mixed[partial], share[:, partial])
+
+    def _by_near_probes(self, tile: Tile) -> tuple[NDArray[np.int64], ...]:
+        """Samples that all near probes see, where they face them; that some see; that none faces."""
+        near = np.zeros(len(self._probes), dtype=bool)
+        near[self._near(tile)] = True
+        near_bits = np.packbits(near)
+        used = np.flatnonzero(near_bits)
+        visible, blocked = (
+            (bits[used] & near_bits[used, None]).any(axis=0) for bits in (self._visible, self._blocked)
         )
+        kind = np.asarray(2 * visible + blocked).astype(np.uint8).take(self._patch)
+        return np.flatnonzero(kind == 2), np.flatnonzero(kind == 3), np.flatnonzero(kind == 0)
 
     def _trace_lattice(
         self, tile: Tile, shape: tuple[int, ...], members: NDArray[np.int64]
-    ) -> NDArray[np.uint8]:
-        """States of samples from all ray positions of a tile, (L, P): every second one is traced, and those
-        between only in the lattice cells whose corners disagree.
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """Visibility of samples from all ray positions of a tile, (L, P) in 0 .. 1, and whether none is blocked.
+
+        Every second position is traced, and those between only in the lattice cells whose corners disagree
+        and for samples that do not graze; the others are interpolated.
         """
         coarse = np.zeros(shape, dtype=bool)
         coarse[::2, ::2, ::2] = True
@@ -139,38 +142,33 @@ class VisibilityMap:
         receivers = None if tile.ray_rx_m is None else tile.ray_rx_m[on_coarse]
         # samples of a patch share the rays of the first pass
         _, first, patch = np.unique(self._patch[members], return_index=True, return_inverse=True)
-        corners = self._test_members(tile.ray_tx_m[on_coarse], receivers, members[first])[:, patch]
-        corners = corners.reshape(*((count + 1) // 2 for count in shape), len(members))
-        floor = np.ix_(*(np.arange(count) // 2 for count in shape))
-        states, uncertain = corners[floor], np.zeros((*shape, len(members)), dtype=bool)
-        low = high = corners == VISIBLE
-        axes = [axis for axis in range(3) if shape[axis] > 1]
-        for axis in axes:
-            ends = [np.arange(low.shape[axis] - 1) + end for end in (0, 1)]
-            low, high = (
-                combine(array.take(ends[0], axis), array.take(ends[1], axis))
-                for combine, array in ((np.logical_and, low), (np.logical_or, high))
-            )
-        disagree = low != high
-        for offset in np.ndindex(*(3 if axis in axes else 1 for axis in range(3))):
-            window = tuple(
-                slice(o, o + 2 * cells - 1, 2) for o, cells in zip(offset, disagree.shape, strict=False)
-            )
-            uncertain[window] |= disagree
-        uncertain[::2, ::2, ::2] = False
-        states[::2, ::2, ::2] = corners
-        flat, uncertain = states.reshape(-1, len(members)), uncertain.reshape(-1, len(members))
-        pairs = np.nonzero(uncertain)
-        points, normals = self._samples.points_m[members], self._samples.normals[members]
-        flat[pairs] = sample_states(
-            self._scene, points, normals, self._two_sided, tile.ray_tx_m, tile.ray_rx_m, pairs
+        states = self._trace(tile.ray_tx_m[on_coarse], receivers, members[first])
+        corners = (states == VISIBLE).reshape(*((count + 1) // 2 for count in shape), -1)
+        share = corners.astype(np.float32)
+        for axis in range(3):
+            share = _midpoints(share, axis)
+        between = ((share > 0) & (share < 1)).reshape(len(tile.ray_tx_m), -1)
+        share = share.reshape(between.shape)[:, patch]
+        blocked = (states == BLOCKED).any(axis=0)[patch]
+        columns, rows = np.nonzero(between.T[patch] & (self._cosine(tile, members) > GRAZING_COSINE)[:, None])
+        traced = sample_states(
+            self._scene,
+            self._table,
+            self._two_sided,
+            tile.ray_tx_m,
+            tile.ray_rx_m,
+            members=members,
+            pairs=(rows, columns),
         )
-        return flat
+        share[rows, columns] = traced == VISIBLE
+        blocked[columns[traced == BLOCKED]] = True
+        return share, ~blocked
 
-    def _samples_of(self, patches: NDArray[np.int64]) -> NDArray[np.int64]:
-        chosen = np.zeros(self._states.shape[1], dtype=bool)
-        chosen[patches] = True
-        return np.flatnonzero(chosen[self._patch])
+    def _cosine(self, tile: Tile, members: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Cosine between the normals of samples and their direction to the middle of a tile, sides apart."""
+        towards = self._centers[tile.rows].mean(axis=0) - self._samples.points_m[members]
+        projected = np.einsum("ij,ij->i", self._samples.normals[members], towards)
+        return np.asarray(np.abs(projected) / np.linalg.norm(towards, axis=1))
 
     def _limb(self, tile: Tile, members: NDArray[np.int64]) -> NDArray[np.int64]:
         """Of the samples that face away from all near probes, those that an antenna of the tile may face.
@@ -182,11 +180,11 @@ class VisibilityMap:
         reach = np.maximum(normals * centers.min(axis=0), normals * centers.max(axis=0)).sum(axis=1)
         return np.asarray(members[reach > np.einsum("ij,ij->i", normals, points)])
 
-    def _test_members(
+    def _trace(
         self, tx_m: NDArray[np.float64], rx_m: NDArray[np.float64] | None, members: NDArray[np.int64]
     ) -> NDArray[np.uint8]:
-        points, normals = self._samples.points_m[members], self._samples.normals[members]
-        return sample_states(self._scene, points, normals, self._two_sided, tx_m, rx_m)
+        """States of samples from all given positions, (P, M)."""
+        return sample_states(self._scene, self._table, self._two_sided, tx_m, rx_m, members=members)
 
     def _near(self, tile: Tile) -> NDArray[np.int64]:
         """Probes inside the tile's bounding box grown by one spacing, at least the nearest one."""
@@ -194,3 +192,19 @@ class VisibilityMap:
         probes = self._centers[self._probes]
         outside = np.maximum(group.min(axis=0) - probes, probes - group.max(axis=0)).max(axis=1)
         return np.flatnonzero(outside <= max(0.75 * self._spacing_m, float(outside.min())))
+
+
+def _midpoints(values: NDArray[np.float32], axis: int) -> NDArray[np.float32]:
+    """The values with the mean of every two neighbours along an axis between them."""
+    low, high = (
+        values.take(range(values.shape[axis] - 1), axis),
+        values.take(range(1, values.shape[axis]), axis),
+    )
+    shape = list(values.shape)
+    shape[axis] = 2 * shape[axis] - 1
+    filled = np.empty(shape, dtype=values.dtype)
+    at: list[slice] = [slice(None)] * values.ndim
+    for offset, part in ((0, values), (1, 0.5 * (low + high))):
+        at[axis] = slice(offset, None, 2)
+        filled[tuple(at)] = part
+    return filled

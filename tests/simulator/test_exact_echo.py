@@ -14,7 +14,7 @@ from waveformer.simulator.numerics import EXACT
 from waveformer.simulator.quadrature import SurfaceSamples, sample_surface
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Aperture, Chirp
 from waveformer.simulator.reference import dense_echo
-from waveformer.simulator.scene import VISIBLE, build_scene, sample_states
+from waveformer.simulator.scene import VISIBLE, SampleTable, build_scene, sample_states
 
 pytestmark = pytest.mark.usefixtures("mitsuba_variant")
 
@@ -65,7 +65,7 @@ def difference(one: np.ndarray, other: np.ndarray) -> float:
 def test_the_exact_mode_equals_the_dense_sum(make: Any, aperture: Aperture) -> None:
     surface, samples, scene = prepared(make())
     states = sample_states(
-        scene, samples.points_m, samples.normals, surface.two_sided, aperture.tx_m, aperture.rx_m
+        scene, SampleTable(samples.points_m, samples.normals), surface.two_sided, aperture.tx_m, aperture.rx_m
     )
     taper = taper_scale(samples, WAVELENGTH_M, True)
     expected = dense_echo(samples, taper, CHIRP, aperture, states == VISIBLE, surface.two_sided)
@@ -76,7 +76,7 @@ def test_the_exact_mode_equals_the_dense_sum(make: Any, aperture: Aperture) -> N
 def test_both_sides_of_an_open_mesh_are_summed_and_a_shadow_is_not() -> None:
     surface, samples, scene = prepared(open_box())
     assert surface.two_sided
-    states = sample_states(scene, samples.points_m, samples.normals, True, GRID.tx_m, None)
+    states = sample_states(scene, SampleTable(samples.points_m, samples.normals), True, GRID.tx_m, None)
     assert 0.05 < (states != VISIBLE).mean() < 0.5
     flipped = open_box()
     flipped.invert()

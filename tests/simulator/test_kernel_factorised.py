@@ -17,7 +17,7 @@ from waveformer.simulator.quadrature import SurfaceSamples, sample_surface
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Aperture, Chirp
 from waveformer.simulator.reference import dense_echo
 from waveformer.simulator.reference_factorised import factorised_echo
-from waveformer.simulator.scene import VISIBLE, build_scene, sample_states
+from waveformer.simulator.scene import VISIBLE, SampleTable, build_scene, sample_states
 
 pytestmark = pytest.mark.usefixtures("mitsuba_variant")
 
@@ -103,7 +103,11 @@ def difference_from_dense(result: Run, whole: Aperture) -> float:
     aperture = Aperture(whole.tx_m[rows], None if whole.rx_m is None else whole.rx_m[rows])
     samples = result.samples
     states = sample_states(
-        result.scene, samples.points_m, samples.normals, result.two_sided, aperture.tx_m, aperture.rx_m
+        result.scene,
+        SampleTable(samples.points_m, samples.normals),
+        result.two_sided,
+        aperture.tx_m,
+        aperture.rx_m,
     )
     taper = taper_scale(samples, WAVELENGTH_M, True)
     expected = dense_echo(samples, taper, CHIRP, aperture, states == VISIBLE, result.two_sided)
