@@ -130,7 +130,7 @@ def _add_echo(
     wavelength = SPEED_OF_LIGHT_M_PER_S / chirp.center_hz
     spacing = numerics.spacing_wavelengths * wavelength
     chunks = face_chunks(item.mesh, keep, spacing)
-    scale = np.complex64(1j * item.target.material.reflection / (4.0 * np.pi))
+    scale = np.complex64(1j * -1.0 / (4.0 * np.pi))
     for index, chunk in enumerate(chunks):
         samples = sample_surface(item.mesh, pose, spacing, chunk)
         add = _accumulator(h, scale, _share(progress, index, len(chunks)))

@@ -10,27 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from waveformer.simulator.errors import MeshError
+from waveformer.simulator.materials import Material
 
 if TYPE_CHECKING:
     import trimesh
-
-
-@dataclass(frozen=True)
-class Material:
-    """How a surface reflects.
-
-    Attributes:
-        name: for reports.
-        reflection: amplitude reflection coefficient Gamma at every angle, -1 for a perfect conductor.
-    """
-
-    name: str
-    reflection: complex
-
-    @classmethod
-    def pec(cls) -> Material:
-        """A perfect electric conductor: Gamma = -1."""
-        return cls(name="pec", reflection=-1.0 + 0.0j)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,13 +12,14 @@ import trimesh
 
 from waveformer.simulator import primitives
 from waveformer.simulator.errors import MeshError
-from waveformer.simulator.target import Material, Target, as_targets, rotate
+from waveformer.simulator.materials import Material
+from waveformer.simulator.target import Target, as_targets, rotate
 
 MESH = primitives.plate(0.1, 0.1)
 
 
 def test_a_perfect_conductor_turns_the_sign_of_the_field() -> None:
-    assert Material.pec().reflection == -1
+    assert Material.pec().is_conductor
 
 
 def test_a_target_is_a_perfect_conductor_at_the_origin_unless_told_otherwise() -> None:
