@@ -23,6 +23,19 @@ APERTURE_PRESETS: dict[str, dict[str, Any]] = {
     "mito": {"num_x": 76, "num_y": 101, "spacing_m": 0.004},
     # One position at the origin: a single range profile.
     "single": {"num_x": 1, "num_y": 1, "spacing_m": 0.001},
+    # The grid of MITO's own simulator, "same as real": a quarter of the wavelength at 77.5001 GHz,
+    # 299 792 458 / 77.5001e9 / 4 m, so 0.222 x 0.549 m, N = 130 640. MITO's first index is x, here x runs
+    # fastest, and its plane lies 0.20 m above the middle of the mesh's box.
+    "mito_quarter_wave": {"num_x": 230, "num_y": 568, "spacing_m": 299_792_458.0 / 77.5001e9 / 4},
+}
+
+RASTER_PRESETS: dict[str, dict[str, Any]] = {
+    # MITO's experiment 2, almost-square aperture: about 44 000 positions over about 0.30 x 0.40 m, rows along
+    # x. The recordings fix the rest. One file is one row and holds 4000 frames of 3 ms, so the robot takes 12 s
+    # for 0.30 m and a frame comes every 75 um. A frame nearer than 3/16 wavelength (0.7253 mm) to a kept one
+    # is dropped, so every tenth is kept: a step of 0.750 mm and 401 positions a row. 44 000 / 401 gives 110
+    # rows, 0.40 m / 109 = 3.67 mm apart, just under a wavelength. N = 44 110.
+    "mito_raster": {"row_length_m": 0.30, "num_rows": 110, "step_m": 0.00075, "row_spacing_m": 0.40 / 109},
 }
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from waveformer.simulator.errors import RadarError
-from waveformer.simulator.presets import APERTURE_PRESETS, CHIRP_PRESETS, lookup_preset
+from waveformer.simulator.presets import APERTURE_PRESETS, CHIRP_PRESETS, RASTER_PRESETS, lookup_preset
 
 SPEED_OF_LIGHT_M_PER_S = 299_792_458.0
 
@@ -197,8 +197,13 @@ class Aperture:
 
     @classmethod
     def from_preset(cls, name: str) -> Aperture:
-        """A named aperture (see ``waveformer.simulator.presets``)."""
-        return cls.planar_grid(**lookup_preset("aperture", APERTURE_PRESETS, name))
+        """A named aperture, a grid or a raster scan (see ``waveformer.simulator.presets``).
+
+        Raises:
+            RadarError: unknown name; the known ones are listed.
+        """
+        arguments = lookup_preset("aperture", APERTURE_PRESETS | RASTER_PRESETS, name)
+        return cls.raster_rows(**arguments) if name in RASTER_PRESETS else cls.planar_grid(**arguments)
 
 
 def _vector(name: str, value: ArrayLike, size: int) -> NDArray[np.float64]:

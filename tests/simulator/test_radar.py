@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from waveformer.simulator.errors import RadarError
-from waveformer.simulator.presets import APERTURE_PRESETS, CHIRP_PRESETS
+from waveformer.simulator.presets import APERTURE_PRESETS, CHIRP_PRESETS, RASTER_PRESETS
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Aperture, Chirp
 
 CHIRP = Chirp(77e9, 4e9, 256)
@@ -69,10 +69,44 @@ def test_every_aperture_preset_is_a_monostatic_grid_about_the_origin(name: str) 
     assert not aperture.tx_m[:, 2].any()
 
 
+@pytest.mark.parametrize("name", RASTER_PRESETS)
+def test_every_raster_preset_is_a_monostatic_scan_about_the_origin(name: str) -> None:
+    aperture = Aperture.from_preset(name)
+    assert len(aperture) % RASTER_PRESETS[name]["num_rows"] == 0
+    assert aperture.is_monostatic
+    assert aperture.tx_m.mean(axis=0) == pytest.approx([0, 0, 0], abs=1e-12)
+    assert not aperture.tx_m[:, 2].any()
+
+
+def test_the_quarter_wave_grid_is_the_one_of_mitos_simulator() -> None:
+    aperture = Aperture.from_preset("mito_quarter_wave")
+    assert len(aperture) == 130_640
+    quarter_wave_m = SPEED_OF_LIGHT_M_PER_S / Chirp.from_preset("mito").start_hz / 4
+    assert aperture.tx_m[1] - aperture.tx_m[0] == pytest.approx([quarter_wave_m, 0, 0], abs=1e-12)
+    assert aperture.tx_m[230] - aperture.tx_m[0] == pytest.approx([0, quarter_wave_m, 0], abs=1e-12)
+    # Published to the millimetre as count times pitch.
+    extent_m = np.ptp(aperture.tx_m, axis=0) + quarter_wave_m
+    assert extent_m[:2] == pytest.approx([0.222, 0.549], abs=5e-4)
+
+
+def test_the_raster_keeps_what_the_recordings_say() -> None:
+    aperture = Aperture.from_preset("mito_raster")
+    assert len(aperture) == pytest.approx(44_000, rel=0.01)  # published as "about 44 000"
+    assert np.ptp(aperture.tx_m, axis=0) == pytest.approx([0.30, 0.40, 0.0], abs=1e-12)
+    steps_m = np.linalg.norm(np.diff(aperture.tx_m, axis=0), axis=1)
+    least_m = 3 / 16 * SPEED_OF_LIGHT_M_PER_S / 77.5001e9
+    frame_pitch_m = 0.30 / 4000  # one row is one file of 4000 frames
+    assert least_m <= steps_m.min() < least_m + frame_pitch_m
+    assert not aperture.tx_m[400, 1] - aperture.tx_m[0, 1]
+    assert aperture.tx_m[401, 1] > aperture.tx_m[400, 1]
+
+
 def test_an_unknown_preset_lists_the_known_ones() -> None:
     with pytest.raises(RadarError, match="unknown radar preset 'x-band'; known: mito, 77-81ghz, 24ghz"):
         Chirp.from_preset("x-band")
-    with pytest.raises(RadarError, match="unknown aperture preset 'huge'; known: small, mito, single"):
+    with pytest.raises(
+        RadarError, match=r"unknown aperture preset 'huge'; known: small, mito, single, .*mito_raster"
+    ):
         Aperture.from_preset("huge")
 
 
