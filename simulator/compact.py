@@ -50,7 +50,7 @@ class CompactBasis:
     @property
     def num_coefficients(self) -> int:
         """K."""
-        return self.vectors.shape[1]
+        return len(self.nodes)
 
     @property
     def node_frequencies_hz(self) -> NDArray[np.float64]:
@@ -61,7 +61,8 @@ class CompactBasis:
     def matrix(self) -> NDArray[np.complex128]:
         """Orthonormal columns M, shape (T, K): H = C @ M.T and C = H @ M.conj()."""
         delay_s = (self.near_m + self.far_m) / SPEED_OF_LIGHT_M_PER_S
-        return np.exp(-2j * np.pi * delay_s * self.chirp.frequencies_hz)[:, None] * self.vectors
+        turned = np.exp(-2j * np.pi * delay_s * self.chirp.frequencies_hz)[:, None] * self.vectors
+        return np.asarray(turned, dtype=np.complex128)
 
     def project(self, h: ArrayLike) -> NDArray[np.complex64]:
         """Coefficients (N, K) of full signals (N, T)."""
@@ -69,7 +70,7 @@ class CompactBasis:
 
     def from_nodes(self, h_nodes: ArrayLike) -> NDArray[np.complex64]:
         """Coefficients (N, K) of signals known at `node_frequencies_hz` only, shape (N, K)."""
-        return _multiply(h_nodes, np.linalg.inv(self.matrix[self.nodes]).T, "h_nodes")
+        return _multiply(h_nodes, np.asarray(np.linalg.inv(self.matrix[self.nodes])).T, "h_nodes")
 
     def restore(self, coefficients: ArrayLike) -> NDArray[np.complex64]:
         """Full signals (N, T) of coefficients (N, K)."""

@@ -17,8 +17,9 @@ from waveformer.simulator.radar import Aperture, Chirp
 from waveformer.simulator.zarr_store import StoredArray, read_store, write_store
 
 MEASUREMENT_FORMAT = "waveformer.measurement"
-_SCHEMA_VERSION = 1
-_CHUNK_POSITIONS = 1024
+SCHEMA_VERSION = 1
+CHUNK_POSITIONS = 1024
+H_DIMENSIONS = ("position", "sample")
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +68,8 @@ class Measurement:
         num_points = oversampling * self.chirp.num_samples
         range_m = np.arange(num_points) * self.chirp.range_bin_m / oversampling - self.range_bias_m / 2
         magnitude = np.empty((len(self.h), num_points), np.float32)
-        for start in range(0, len(self.h), _CHUNK_POSITIONS):
-            block = slice(start, start + _CHUNK_POSITIONS)
+        for start in range(0, len(self.h), CHUNK_POSITIONS):
+            block = slice(start, start + CHUNK_POSITIONS)
             # ifft has the + sign that undoes exp(-j 2 pi f_t tau), and divides by its length.
             magnitude[block] = np.abs(np.fft.ifft(self.h[block], n=num_points, axis=1)) * oversampling
         return range_m, magnitude
@@ -80,17 +81,11 @@ class Measurement:
             StoreError: `path` exists and overwrite is False, is something else, or cannot be written.
         """
         arrays = {
-            "h": StoredArray(self.h, ("position", "sample"), (_CHUNK_POSITIONS, self.chirp.num_samples)),
-            "tx_m": _positions(self.aperture.tx_m),
+            "h": StoredArray(self.h, H_DIMENSIONS, (CHUNK_POSITIONS, self.chirp.num_samples)),
+            **position_arrays(self.aperture),
         }
-        if self.aperture.rx_m is not None:
-            arrays["rx_m"] = _positions(self.aperture.rx_m)
-        attributes = {
-            "chirp": {name: _number(value) for name, value in dataclasses.asdict(self.chirp).items()},
-            "range_bias_m": self.range_bias_m,
-            "metadata": self.metadata,
-        }
-        write_store(path, MEASUREMENT_FORMAT, _SCHEMA_VERSION, arrays, attributes, overwrite=overwrite)
+        attributes = measurement_attributes(self.chirp, self.range_bias_m, self.metadata)
+        write_store(path, MEASUREMENT_FORMAT, SCHEMA_VERSION, arrays, attributes, overwrite=overwrite)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Measurement:
@@ -99,7 +94,7 @@ class Measurement:
         Raises:
             StoreError: missing, not a measurement, from a newer waveformer, or damaged.
         """
-        arrays, attributes = read_store(path, MEASUREMENT_FORMAT, _SCHEMA_VERSION)
+        arrays, attributes = read_store(path, MEASUREMENT_FORMAT, SCHEMA_VERSION)
         return cls(
             h=arrays["h"],
             chirp=Chirp(**attributes["chirp"]),
@@ -107,6 +102,26 @@ class Measurement:
             range_bias_m=attributes["range_bias_m"],
             metadata=attributes["metadata"],
         )
+
+
+def position_arrays(aperture: Aperture) -> dict[str, StoredArray]:
+    """Antenna positions as a store keeps them."""
+    positions = {"tx_m": aperture.tx_m}
+    if aperture.rx_m is not None:
+        positions["rx_m"] = aperture.rx_m
+    return {
+        name: StoredArray(values, ("position", "axis"), values.shape, unit="m")
+        for name, values in positions.items()
+    }
+
+
+def measurement_attributes(chirp: Chirp, range_bias_m: float, metadata: Mapping[str, Any]) -> dict[str, Any]:
+    """What a store of a measurement says besides its arrays."""
+    return {
+        "chirp": {name: _number(value) for name, value in dataclasses.asdict(chirp).items()},
+        "range_bias_m": range_bias_m,
+        "metadata": metadata,
+    }
 
 
 def plain_metadata(metadata: Mapping[str, Any]) -> dict[str, Any]:
@@ -130,10 +145,6 @@ def plain_metadata(metadata: Mapping[str, Any]) -> dict[str, Any]:
     except (TypeError, ValueError) as error:
         raise StoreError(f"metadata must hold JSON values only: {error}") from error
     return copy
-
-
-def _positions(positions_m: NDArray[np.float64]) -> StoredArray:
-    return StoredArray(positions_m, ("position", "axis"), positions_m.shape, unit="m")
 
 
 def _number(value: Any) -> Any:

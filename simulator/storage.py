@@ -3,7 +3,8 @@
 Whatever is written lies under a hidden name beside its target until it is complete, and is then renamed.
 A store (directory) replaces only a store of the same format, a file only a file, and both only on request.
 The old store steps aside for the new one by two renames: a power cut exactly between them leaves it
-under its hidden name ``.<name>.*.old``.
+under its hidden name ``.<name>.*.old``. What takes long is collected, block by block, in the hidden folder
+``.<name>.unfinished``, from where an interrupted run goes on.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import shutil
 import signal
 import tempfile
 import threading
+import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -53,9 +55,9 @@ def publish(
         with _terminate_as_exit():
             temporary.chmod(0o777 & ~_umask())  # mkdtemp makes private directories
             yield temporary
-            _flush_tree(temporary)
+            flush_tree(temporary)
             _check_replaceable(path, overwrite, format_name)  # another process may have written meanwhile
-            _swap_in(temporary, target)
+            swap_in(temporary, target)
     except OSError as error:
         raise StoreError(f"cannot write {path}: {error.strerror or error}") from error
     finally:
@@ -77,9 +79,9 @@ def publish_file(path: str | os.PathLike[str], *, overwrite: bool = False) -> It
         ):
             temporary = Path(folder) / target.name
             yield temporary
-            _flush(temporary)
+            flush(temporary)
             os.replace(temporary, target)
-            _flush(target.parent)
+            flush(target.parent)
     except OSError as error:
         raise StoreError(f"cannot write {path}: {error.strerror or error}") from error
 
@@ -111,6 +113,45 @@ def store_format(path: str | os.PathLike[str]) -> str | None:
     return name if isinstance(name, str) and name.startswith(_FORMAT_PREFIX) else None
 
 
+def unfinished_folder(path: str | os.PathLike[str]) -> Path:
+    """The hidden folder in which a store that shall appear at `path` is collected block by block."""
+    target = Path(os.path.realpath(path))
+    return target.with_name(f".{target.name}.unfinished")
+
+
+def flush(path: Path) -> None:
+    """Wait until a file's bytes, or a folder's names, are on the disk."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def flush_tree(folder: Path) -> None:
+    """Flush a folder with all that it holds."""
+    for parent, _, files in os.walk(folder, topdown=False):
+        for name in files:
+            flush(Path(parent) / name)
+        flush(Path(parent))
+
+
+def swap_in(complete: Path, target: Path) -> None:
+    """Rename a complete, flushed store to its final name; a store of that name gives way first."""
+    if not os.path.lexists(target):
+        os.rename(complete, target)
+    else:
+        retired = target.with_name(f".{target.name}.{uuid.uuid4().hex[:8]}.old")
+        os.rename(target, retired)
+        try:
+            os.rename(complete, target)
+        except BaseException:
+            os.rename(retired, target)
+            raise
+        shutil.rmtree(retired, ignore_errors=True)
+    flush(target.parent)
+
+
 def _check_replaceable(path: str | os.PathLike[str], overwrite: bool, format_name: str | None) -> None:
     if not Path(path).name:
         raise StoreError(f"{path!s} cannot name a store: give a new directory such as scan.zarr")
@@ -136,36 +177,6 @@ def _check_folder(path: str | os.PathLike[str]) -> None:
             pass
     except OSError as error:
         raise StoreError(f"cannot write {path}: {folder}: {error.strerror}") from error
-
-
-def _swap_in(temporary: Path, target: Path) -> None:
-    if not os.path.lexists(target):
-        os.rename(temporary, target)
-    else:
-        retired = temporary.with_suffix(".old")
-        os.rename(target, retired)
-        try:
-            os.rename(temporary, target)
-        except BaseException:
-            os.rename(retired, target)
-            raise
-        shutil.rmtree(retired, ignore_errors=True)
-    _flush(target.parent)
-
-
-def _flush_tree(folder: Path) -> None:
-    for parent, _, files in os.walk(folder, topdown=False):
-        for name in files:
-            _flush(Path(parent) / name)
-        _flush(Path(parent))
-
-
-def _flush(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 @contextmanager

@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from waveformer.simulator.errors import StoreError
-from waveformer.simulator.storage import publish, store_format
+from waveformer.simulator.storage import publish, store_format, unfinished_folder
 
 
 @dataclass(frozen=True)
@@ -61,28 +61,65 @@ def write_store(
         StoreError: see `publish`.
     """
     import zarr
-    from zarr.codecs import Crc32cCodec
 
     with publish(path, overwrite=overwrite, format_name=format_name) as folder:
         group = zarr.create_group(folder, zarr_format=3)
         for name, array in arrays.items():
-            group.create_array(
-                name,
-                data=array.values,
-                chunks=tuple(
-                    max(1, min(c, n)) for c, n in zip(array.chunks, array.values.shape, strict=True)
-                ),
-                # H and images do not compress without loss (measured: 1.2x at best), so only checksums.
-                compressors=[Crc32cCodec()],
-                fill_value=float("nan"),
-                dimension_names=array.dimensions,
-                attributes={} if array.unit is None else {"units": array.unit},
-                config={"write_empty_chunks": True},
-            )
-        checked = {"format": format_name, "schema_version": schema_version, **attributes}
-        digests = {name: _sha256(array.values) for name, array in arrays.items()}
-        # Last, because a folder without these attributes is not a store.
-        group.attrs.update({**checked, "sha256": {**digests, "attributes": _sha256_json(checked)}})
+            add_array(group, name, array)
+        digests = {name: sha256_of(array.values) for name, array in arrays.items()}
+        seal(group, format_name, schema_version, attributes, digests)
+
+
+def add_array(group: Any, name: str, array: StoredArray) -> None:
+    """Write one array into an open Zarr group."""
+    created = create_array(
+        group, name, array.values.shape, array.values.dtype, array.dimensions, array.chunks, array.unit
+    )
+    created[...] = array.values
+
+
+def create_array(
+    group: Any,
+    name: str,
+    shape: tuple[int, ...],
+    dtype: DTypeLike,
+    dimensions: tuple[str, ...],
+    chunks: tuple[int, ...],
+    unit: str | None = None,
+) -> Any:
+    """An array of an open Zarr group, to be filled; what the arguments mean says `StoredArray`."""
+    from zarr.codecs import Crc32cCodec
+
+    return group.create_array(
+        name,
+        shape=shape,
+        dtype=np.dtype(dtype),
+        chunks=tuple(max(1, min(c, n)) for c, n in zip(chunks, shape, strict=True)),
+        # H and images do not compress without loss (measured: 1.2x at best), so only checksums.
+        compressors=[Crc32cCodec()],
+        fill_value=float("nan"),
+        dimension_names=dimensions,
+        attributes={} if unit is None else {"units": unit},
+        config={"write_empty_chunks": True},
+    )
+
+
+def seal(
+    group: Any,
+    format_name: str,
+    schema_version: int,
+    attributes: Mapping[str, Any],
+    digests: Mapping[str, str],
+) -> None:
+    """Make a filled group a store: the last thing written, because without these attributes it is none.
+
+    Args:
+        group: open Zarr group with all its arrays.
+        format_name, schema_version, attributes: see `write_store`.
+        digests: SHA-256 of every array's bytes, little-endian, in C order.
+    """
+    checked = {"format": format_name, "schema_version": schema_version, **attributes}
+    group.attrs.update({**checked, "sha256": {**digests, "attributes": _sha256_json(checked)}})
 
 
 def read_store(
@@ -103,6 +140,9 @@ def read_store(
     """
     import zarr
 
+    unfinished = Path(path) if Path(path).name.endswith(".unfinished") else unfinished_folder(path)
+    if unfinished.is_dir() and (unfinished == Path(path) or not Path(path).exists()):
+        raise StoreError(f"{path} is unfinished: run the same simulation again with --resume (resume=True)")
     if not Path(path).exists():
         raise StoreError(f"{path} does not exist")
     found = store_format(path)
@@ -128,12 +168,13 @@ def read_store(
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise StoreError(f"{path} is damaged: {reason}") from error
     for name, values in arrays.items():
-        if _sha256(values) != digests[name]:
+        if sha256_of(values) != digests[name]:
             raise StoreError(f"{path} is damaged: {name} differs from what was written (chunk missing?)")
     return arrays, attributes
 
 
-def _sha256(values: NDArray[Any]) -> str:
+def sha256_of(values: NDArray[Any]) -> str:
+    """SHA-256 of an array's bytes, little-endian, in C order."""
     contiguous = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<"))
     return hashlib.sha256(contiguous.reshape(-1).view(np.uint8).data).hexdigest()
 
