@@ -9,7 +9,8 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -138,6 +139,24 @@ def read_store(
     Raises:
         StoreError: missing, of another kind, from a newer version, or damaged.
     """
+    group, attributes, digests = open_store(path, format_name, schema_version)
+    return {name: read_array(path, group, name, digest) for name, digest in digests.items()}, attributes
+
+
+def open_store(
+    path: str | os.PathLike[str], format_name: str, schema_version: int
+) -> tuple[Any, dict[str, Any], dict[str, str]]:
+    """Open a store and verify its attributes, but not yet its arrays.
+
+    Args:
+        path, format_name, schema_version: see `read_store`.
+
+    Returns:
+        The Zarr group, the attributes, and the SHA-256 of every array by name.
+
+    Raises:
+        StoreError: see `read_store`.
+    """
     import zarr
 
     unfinished = Path(path) if Path(path).name.endswith(".unfinished") else unfinished_folder(path)
@@ -150,7 +169,7 @@ def read_store(
         raise StoreError(f"{path} is not a waveformer store")
     if found != format_name:
         raise StoreError(f"{path} holds a {found}, not a {format_name}")
-    try:
+    with _damage(path):
         group = zarr.open_group(Path(path), mode="r", zarr_format=3)
         attributes = dict(group.attrs)
         version = int(attributes["schema_version"])
@@ -161,16 +180,42 @@ def read_store(
         digests = attributes.pop("sha256")
         if digests.pop("attributes") != _sha256_json(attributes):
             raise StoreError(f"{path} is damaged: its attributes differ from what was written")
-        arrays = {name: np.asarray(group[name][...]) for name in digests}
+    return group, attributes, digests
+
+
+def read_array(path: str | os.PathLike[str], group: Any, name: str, digest: str) -> NDArray[Any]:
+    """One verified array of an open store; raises StoreError if it is damaged."""
+    with _damage(path):
+        values = np.asarray(group[name][...])
+    if sha256_of(values) != digest:
+        raise StoreError(f"{path} is damaged: {name} differs from what was written (chunk missing?)")
+    return values
+
+
+def read_rows(path: str | os.PathLike[str], group: Any, name: str, rows: slice) -> NDArray[Any]:
+    """Some rows of an array of an open store, verified by the CRC-32C of their chunks.
+
+    Raises:
+        StoreError: a chunk is damaged or missing.
+    """
+    with _damage(path):
+        array = group[name]
+        # zarr would read a missing chunk as fill value.
+        if array.nchunks_initialized < array.nchunks:
+            raise StoreError(f"{path} is damaged: chunks of {name} are missing")
+        return np.asarray(array[rows])
+
+
+@contextmanager
+def _damage(path: str | os.PathLike[str]) -> Iterator[None]:
+    """A damaged store can fail in any layer of zarr, with any exception."""
+    try:
+        yield
     except StoreError:
         raise
-    except Exception as error:  # a damaged store can fail in any layer of zarr, with any exception
+    except Exception as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise StoreError(f"{path} is damaged: {reason}") from error
-    for name, values in arrays.items():
-        if sha256_of(values) != digests[name]:
-            raise StoreError(f"{path} is damaged: {name} differs from what was written (chunk missing?)")
-    return arrays, attributes
 
 
 def sha256_of(values: NDArray[Any]) -> str:
