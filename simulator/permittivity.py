@@ -53,12 +53,29 @@ class Permittivity:
         )
 
 
-# ITU-R P.2040-3, table 3, where the source says so.
+# Frequencies are those of the measurement; outside them the value is carried on unchanged.
+_ABS = Permittivity.constant(
+    2.7 - 0.022j
+)  # loss tangent 0.008, 11 GHz: Riddle et al., IEEE T-MTT 51 (2003) 727
+
 PERMITTIVITIES: dict[str, Permittivity] = {
-    "wood": Permittivity(1.99, 0.0, 0.0047, 1.0718),  # ITU-R P.2040-3, 0.001 - 100 GHz
-    "glass": Permittivity(6.31, 0.0, 0.0036, 1.3394),  # ITU-R P.2040-3, 0.1 - 100 GHz
-    "metal": Permittivity(1.0, 0.0, 1e7, 0.0),  # ITU-R P.2040-3, 1 - 100 GHz
-    "cardboard": Permittivity.constant(1.5 - 0.05j),
+    "metal": Permittivity(1.0, 0.0, 1e7, 0.0),  # ITU-R P.2040-3, table 3, 1 - 100 GHz
+    "wood": Permittivity(1.99, 0.0, 0.0047, 1.0718),  # ITU-R P.2040-3, table 3, 0.001 - 100 GHz
+    "glass": Permittivity(6.31, 0.0, 0.0036, 1.3394),  # ITU-R P.2040-3, table 3, 0.1 - 100 GHz
+    "acrylic": Permittivity(2.58, 0.0, 0.0001, 1.6524),  # ITU-R P.2040-3, table 3, 110 - 330 GHz
+    "abs": _ABS,
+    "plastic": _ABS,  # as ABS: between acrylic (2.58) and nylon (3.0, Riddle et al. 2003)
+    # No measurement near 77 GHz was found. Corrugated board is wood fibre of about half the density of wood:
+    # ITU-R P.2040-3, table 3, wood (0.001 - 100 GHz) mixed by volume with as much air.
+    "cardboard": Permittivity(1.495, 0.0, 0.00235, 1.0718),
+    # Expanded polystyrene, 0.2 - 4 THz: index 1.017 - 1.022, loss below 1.5 / cm at 4 THz, an upper bound for the
+    # loss tangent at lower frequencies: Zhao et al., J. Opt. Soc. Am. B 19 (2002) 1476
+    "foam": Permittivity.constant(1.04 - 0.0018j),
+    # Silicone rubber (PDMS), 40 GHz, loss tangent 0.048: Sharma, Gupta, Dankov, AEU Int. J. Electron. Commun. 127
+    # (2020) 153455
+    "rubber": Permittivity.constant(2.64 - 0.127j),
+    # Alumina, loss tangent 0.0005, typical value for 77 GHz radar covers: Texas Instruments SWRA705 (2021)
+    "ceramic": Permittivity.constant(9.8 - 0.0049j),
 }
 
 
