@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scenes import APERTURE, CHIRP, Surface, bumpy_ellipsoid, measure, relative_l2, report
 
+from waveformer.simulator.echo_source import EchoSource
 from waveformer.simulator.echo_terms import echo
 from waveformer.simulator.exact_echo import exact_echo
 from waveformer.simulator.factorisation import taper_scale
@@ -29,7 +30,9 @@ def run_exact(surface: Surface, samples: SurfaceSamples, aperture: Aperture) -> 
     def add(rows: Any, part: Any) -> None:
         h[rows] += part
 
-    exact_echo(surface.scene, samples, False, CHIRP, aperture, EXACT, None, add)
+    exact_echo(
+        surface.scene, EchoSource(samples, False, surface.closest_m), CHIRP, aperture, EXACT, None, add
+    )
     return h
 
 
@@ -47,7 +50,7 @@ def sum_alone(samples: SurfaceSamples, visible: Any, aperture: Aperture) -> Any:
         aperture.tx_m - center,
         None,
         frequencies,
-        lambda legs, area, scale: echo(legs[0], None, area, scale, False),
+        lambda legs, _point, _normal, area, scale: (*echo(legs[0], None, area, scale, False)[:2], None),
     )
 
 

@@ -12,6 +12,7 @@ from numpy_forward import direct, factorised, plain, seen_samples
 from scenes import APERTURE, CHIRP, Surface, bumpy_ellipsoid, measure, relative_l2, report
 
 from waveformer.simulator import fast_echo
+from waveformer.simulator.echo_source import EchoSource
 from waveformer.simulator.factorisation import Factorisation, TileWork
 from waveformer.simulator.forward import simulate
 from waveformer.simulator.numerics import FAST
@@ -29,7 +30,7 @@ SPARSE_CHIRP = Chirp(CHIRP.start_hz, CHIRP.bandwidth_hz, CHIRP.num_samples // ST
 def plan_work(surface: Surface) -> tuple[Factorisation, list[list[TileWork]]]:
     """Everything `fast_echo` does before it sums, taken out of a run of it: visibility, cells, tiles."""
     planned = fast_echo.plan_echo(
-        surface.scene, surface.samples, False, surface.closest_m, CHIRP, APERTURE, FAST
+        surface.scene, EchoSource(surface.samples, False, surface.closest_m), CHIRP, APERTURE, FAST
     )
     assert planned is not None
     return planned[0], list(planned[1])
@@ -42,7 +43,8 @@ def run_kernel(plan: Factorisation, batches: list[list[TileWork]]) -> Any:
     def add(rows: Any, echo: Any) -> None:
         h[rows] += echo
 
-    fast_echo.sum_batches(plan, batches, False, CHIRP, APERTURE, None, add)
+    source = EchoSource(plan.samples, False, 0.0)
+    fast_echo.sum_batches(plan, batches, source, CHIRP, APERTURE, None, add)
     return h
 
 

@@ -74,8 +74,8 @@ def leg(antenna: Any, antenna_range_m: Any, point: Any, normal: Any) -> Leg:
     return Leg(difference * dr.rcp(range_m + antenna_range_m), inverse, dr.dot(normal, direction), direction)
 
 
-def echo(transmit: Leg, receive: Leg | None, area: Any, taper: Any, two_sided: bool) -> tuple[Any, Any]:
-    """Amplitude and one-way range difference of a sample.
+def echo(transmit: Leg, receive: Leg | None, area: Any, taper: Any, two_sided: bool) -> tuple[Any, Any, Any]:
+    """Amplitude, one-way range difference and local angle of a sample.
 
     The integrand (cos_i + cos_r) / 2 * dA / (R_tx R_rx), zero unless both antennas are on the lit
     side; for a two-sided surface both on the same side.
@@ -87,7 +87,7 @@ def echo(transmit: Leg, receive: Leg | None, area: Any, taper: Any, two_sided: b
         two_sided: whether the back of the surface reflects as well.
 
     Returns:
-        (amplitude in 1, half of the path difference in metres).
+        (amplitude in 1, half of the path difference in metres, mean cosine of incidence: zero if not lit).
     """
     if receive is None:
         cosine, excess = transmit.cosine, transmit.excess_m
@@ -106,4 +106,4 @@ def echo(transmit: Leg, receive: Leg | None, area: Any, taper: Any, two_sided: b
     # squared tangential phase gradient in units of (2 k)^2: sin^2 theta when monostatic
     factor = 1.0 - taper * (bisector - cosine * cosine)
     factor = factor * factor
-    return area * cosine * spreading * factor * factor, excess
+    return area * cosine * spreading * factor * factor, excess, cosine

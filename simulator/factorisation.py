@@ -10,10 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from waveformer.simulator.box_crossings import leaving_changes, meets_box
 from waveformer.simulator.clusters import Cells, group_into_cells
 from waveformer.simulator.quadrature import SurfaceSamples, take
-from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Chirp
+from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Aperture, Chirp
 from waveformer.simulator.range_bins import RangeBins, range_bins
+from waveformer.simulator.response_plan import ResponsePlan
 from waveformer.simulator.subapertures import Tile
 from waveformer.simulator.visibility import TileVisibility
 
@@ -79,6 +81,7 @@ class TileWork:
         members: those samples, cell by cell.
         first, last: range of `members` of every cell, shape (A,).
         visibility: for the partly lit samples.
+        frequency: entry of the response's frequencies.
     """
 
     tile: Tile
@@ -87,6 +90,7 @@ class TileWork:
     first: NDArray[np.int64]
     last: NDArray[np.int64]
     visibility: TileVisibility
+    frequency: int = 0
 
 
 def tile_work(plan: Factorisation, tile: Tile, visibility: TileVisibility) -> TileWork:
@@ -95,3 +99,29 @@ def tile_work(plan: Factorisation, tile: Tile, visibility: TileVisibility) -> Ti
     last = np.cumsum(counts)
     cells = np.argsort(-counts, kind="stable")[: int(np.count_nonzero(counts))]
     return TileWork(tile, cells, visibility.lit, (last - counts)[cells], last[cells], visibility)
+
+
+def uneven_samples(
+    plan: Factorisation, tile: Tile, response: ResponsePlan, aperture: Aperture
+) -> NDArray[np.bool_]:
+    """Samples (S,) whose ways to the antennas of a tile may cross different walls of the box."""
+    box = response.surroundings.box
+    if box is None or response.crossings == "none":
+        return np.zeros(len(plan.cell_of_sample), dtype=bool)
+    antennas = np.concatenate([aperture.tx_m[tile.rows], aperture.receivers_m[tile.rows]])
+    changes = leaving_changes if response.crossings == "leaving" else meets_box
+    return changes(box, plan.cells.centers_m, plan.cells.radius_m, antennas)[plan.cell_of_sample]
+
+
+def set_apart(visibility: TileVisibility, chosen: NDArray[np.bool_]) -> TileVisibility:
+    """The same visibility, but the chosen samples (S,) are summed antenna by antenna like partly lit ones."""
+    moved = chosen[visibility.lit]
+    if not moved.any():
+        return visibility
+    alone = visibility.lit[moved]
+    everywhere = np.ones((len(visibility.partial_visible), len(alone)), dtype=np.float32)
+    return TileVisibility(
+        visibility.lit[~moved],
+        np.concatenate([visibility.partial, alone]),
+        np.concatenate([visibility.partial_visible, everywhere], axis=1),
+    )

@@ -12,7 +12,15 @@ from drjit.llvm.ad import Float
 from numpy.typing import NDArray
 
 from waveformer.simulator.device import to_device, to_device_index
-from waveformer.simulator.factorisation import Factorisation, TileWork, factorise, tile_work
+from waveformer.simulator.echo_source import EchoSource
+from waveformer.simulator.factorisation import (
+    Factorisation,
+    TileWork,
+    factorise,
+    set_apart,
+    tile_work,
+    uneven_samples,
+)
 from waveformer.simulator.kernel_factorised import (
     Antennas,
     NodeLanes,
@@ -21,9 +29,11 @@ from waveformer.simulator.kernel_factorised import (
     deposit_samples,
 )
 from waveformer.simulator.numerics import Numerics
-from waveformer.simulator.quadrature import SurfaceSamples, take
+from waveformer.simulator.quadrature import take
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Aperture, Chirp
 from waveformer.simulator.range_bins import NUM_MOMENTS, reference_phase
+from waveformer.simulator.response import Response
+from waveformer.simulator.response_plan import ResponsePlan
 from waveformer.simulator.subapertures import Tile, build_tiles
 from waveformer.simulator.visibility import VisibilityMap
 
@@ -35,9 +45,7 @@ _MAX_LANES = 1 << 18
 
 def fast_echo(
     scene: Any,
-    samples: SurfaceSamples,
-    two_sided: bool,
-    closest_m: float,
+    source: EchoSource,
     chirp: Chirp,
     aperture: Aperture,
     numerics: Numerics,
@@ -48,24 +56,21 @@ def fast_echo(
 
     Args:
         scene: Mitsuba scene that decides visibility.
-        samples: surface samples of the target in the radar frame.
-        two_sided: whether the back of the surface reflects.
-        closest_m: smallest distance from an antenna to the target.
+        source: the target.
         chirp, aperture: the radar, N pairs and T samples.
         numerics: kernel settings.
         tile_positions: most antenna positions in flight at once; None leaves it to a memory bound.
-        add: called with rows (n,) and their echo (n, T), not yet multiplied by j Gamma / (4 pi).
+        add: called with rows (n,) and a part of their echo (n, T), not yet multiplied by j / (4 pi), nor by W
+            if the source leaves it out.
     """
-    planned = plan_echo(scene, samples, two_sided, closest_m, chirp, aperture, numerics)
+    planned = plan_echo(scene, source, chirp, aperture, numerics)
     if planned is not None:
-        sum_batches(*planned, two_sided, chirp, aperture, tile_positions, add)
+        sum_batches(*planned, source, chirp, aperture, tile_positions, add)
 
 
 def plan_echo(
     scene: Any,
-    samples: SurfaceSamples,
-    two_sided: bool,
-    closest_m: float,
+    source: EchoSource,
     chirp: Chirp,
     aperture: Aperture,
     numerics: Numerics,
@@ -80,32 +85,33 @@ def plan_echo(
     """
     visibility = VisibilityMap(
         scene,
-        samples,
-        two_sided,
+        source.samples,
+        source.two_sided,
         aperture,
-        probe_spacing_m=closest_m * np.radians(numerics.probe_spacing_deg),
+        probe_spacing_m=source.closest_m * np.radians(numerics.probe_spacing_deg),
         patch_m=PATCH_WAVELENGTHS * SPEED_OF_LIGHT_M_PER_S / chirp.center_hz,
     )
     seen = np.flatnonzero(visibility.seen)
     if len(seen) == 0:
         return None
-    plan, order = factorise(take(samples, seen), chirp, facet_taper=numerics.facet_taper)
+    plan, order = factorise(take(source.samples, seen), chirp, facet_taper=numerics.facet_taper)
     visibility = visibility.select(seen[order])
     tiles = build_tiles(
         aperture,
-        closest_m,
+        source.closest_m,
         plan.cells.radius_m,
         SPEED_OF_LIGHT_M_PER_S / float(chirp.frequencies_hz[-1]),
         numerics.tolerance,
-        closest_m * np.radians(numerics.leaf_spacing_deg),
+        source.closest_m * np.radians(numerics.leaf_spacing_deg),
+        0.0 if source.response is None else source.response.phase_per_radian,
     )
-    return plan, _batches(plan, tiles, visibility)
+    return plan, _batches(plan, tiles, visibility, source.response, aperture)
 
 
 def sum_batches(
     plan: Factorisation,
     batches: Iterable[list[TileWork]],
-    two_sided: bool,
+    source: EchoSource,
     chirp: Chirp,
     aperture: Aperture,
     tile_positions: int | None,
@@ -115,39 +121,49 @@ def sum_batches(
 
     Args:
         plan, batches: from `plan_echo`.
-        two_sided, chirp, aperture, tile_positions, add: as in `fast_echo`.
+        source, chirp, aperture, tile_positions, add: as in `fast_echo`.
     """
     tables = _SampleTables(plan)
+    response = None if source.response is None else Response(source.response)
 
-    def finish(tile: Tile, bins: Float) -> None:
+    def finish(work: TileWork, bins: Float) -> None:
+        tile = work.tile
         flat = np.ascontiguousarray(bins.numpy(), dtype=np.float32)
         packed = flat.view(np.complex64).reshape(len(tile.rows), -1)
         filled = np.flatnonzero(packed.any(axis=0))
         used = slice(filled.min(initial=packed.shape[1]), filled.max(initial=-1) + 1)
         # stage 4: (n, bin * moment) @ (bin * moment, T), without the empty bins at both ends
         spectrum = packed[:, used] @ plan.ranges.to_samples[used]
-        add(tile.rows, spectrum * reference_phase(chirp, aperture, tile.rows, plan.ranges.center_m))
+        spectrum *= reference_phase(chirp, aperture, tile.rows, plan.ranges.center_m)
+        if source.response is not None:
+            spectrum *= source.response.to_samples[work.frequency].astype(np.float32)
+        add(tile.rows, spectrum)
 
     # Always one step behind: NumPy works on what is ready while the device threads work on what comes next.
-    running: tuple[Tile, Float] | None = None
-    for batch, at_nodes in _one_behind(plan, tables, batches, two_sided):
+    running: tuple[TileWork, Float] | None = None
+    for batch, at_nodes in _one_behind(plan, tables, batches, source.two_sided, response):
         for work, moments in zip(batch, _by_tile(batch, at_nodes), strict=True):
             for tile in work.tile.split(tile_positions):
-                bins = _tile_bins(plan, tables, replace(work, tile=tile), moments, aperture, two_sided)
+                part = replace(work, tile=tile)
+                bins = _tile_bins(plan, tables, part, moments, aperture, source.two_sided, response)
                 if running is not None:
                     finish(*running)
-                running = (tile, bins)
+                running = (part, bins)
     if running is not None:
         finish(*running)
 
 
 def _one_behind(
-    plan: Factorisation, tables: _SampleTables, batches: Iterable[list[TileWork]], two_sided: bool
+    plan: Factorisation,
+    tables: _SampleTables,
+    batches: Iterable[list[TileWork]],
+    two_sided: bool,
+    response: Response | None,
 ) -> Iterator[tuple[list[TileWork], list[Float]]]:
     """Launch stage 1 of every batch as it comes, and hand it out when the next one has been launched."""
     waiting: tuple[list[TileWork], list[Float]] | None = None
     for batch in batches:
-        launched = (batch, _moments_at_nodes(plan, tables, batch, two_sided))
+        launched = (batch, _moments_at_nodes(plan, tables, batch, two_sided, response))
         if waiting is not None:
             yield waiting
         waiting = launched
@@ -177,24 +193,38 @@ class _SampleTables:
         self.cell_centers = to_device(plan.cells.centers_m - center)
 
 
-def _batches(plan: Factorisation, tiles: list[Tile], visibility: VisibilityMap) -> Iterator[list[TileWork]]:
-    """Gather tiles until the launch of their nodes is wide enough."""
+def _batches(
+    plan: Factorisation,
+    tiles: list[Tile],
+    visibility: VisibilityMap,
+    response: ResponsePlan | None,
+    aperture: Aperture,
+) -> Iterator[list[TileWork]]:
+    """Gather tiles until the launch of their nodes is wide enough; a tile comes once a response frequency."""
     batch: list[TileWork] = []
     lanes = 0
     for tile in tiles:
-        work = tile_work(plan, tile, visibility.of_tile(tile))
+        seen = visibility.of_tile(tile)
+        if response is not None:
+            seen = set_apart(seen, uneven_samples(plan, tile, response, aperture))
+        work = tile_work(plan, tile, seen)
         work_lanes = len(tile.node_tx_m) * len(work.cells)
-        if batch and lanes + work_lanes > _MAX_LANES:
-            yield batch
-            batch, lanes = [], 0
-        batch.append(work)
-        lanes += work_lanes
+        for frequency in range(1 if response is None else len(response.frequencies_hz)):
+            if batch and lanes + work_lanes > _MAX_LANES:
+                yield batch
+                batch, lanes = [], 0
+            batch.append(replace(work, frequency=frequency))
+            lanes += work_lanes
     if batch:
         yield batch
 
 
 def _moments_at_nodes(
-    plan: Factorisation, tables: _SampleTables, batch: list[TileWork], two_sided: bool
+    plan: Factorisation,
+    tables: _SampleTables,
+    batch: list[TileWork],
+    two_sided: bool,
+    response: Response | None,
 ) -> list[Float]:
     """Stage 1 for a batch of tiles; empty if none of them sees a cell whole."""
     tile_tx, tile_rx = [work.tile.node_tx_m for work in batch], [work.tile.node_rx_m for work in batch]
@@ -226,9 +256,14 @@ def _moments_at_nodes(
         last=to_device_index(
             np.concatenate([work.last + s for work, s in zip(batch, members_before, strict=False)])
         ),
+        frequency=to_device_index(
+            np.concatenate(
+                [np.full(n * c, work.frequency) for (n, c), work in zip(counts, batch, strict=True)]
+            )
+        ),
     )
     members = to_device_index(np.concatenate([work.members for work in batch]))
-    return cell_moments(tables.in_cells, members, lanes, plan.ranges, two_sided)
+    return cell_moments(tables.in_cells, members, lanes, plan.ranges, two_sided, response)
 
 
 def _tile_bins(
@@ -238,6 +273,7 @@ def _tile_bins(
     at_nodes: NDArray[np.float32],
     aperture: Aperture,
     two_sided: bool,
+    response: Response | None,
 ) -> Float:
     """Stages 2 and 3 for one tile: its range bins, launched and not waited for."""
     rows, ranges, partial = work.tile.rows, plan.ranges, work.visibility.partial
@@ -263,6 +299,8 @@ def _tile_bins(
             antennas,
             to_device(work.tile.ray_weights @ work.visibility.partial_visible),
             two_sided,
+            response,
+            work.frequency,
         )
     dr.eval(bins)
     return bins

@@ -18,9 +18,12 @@ from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Chirp
 # A lane sums every _SLOTS-th sample of one antenna, so that a few antennas fill the vector units.
 _SLOTS = 512
 _FREQUENCIES_PER_LAUNCH = 8
+# The factor of a frequency is long code: fewer at a time compile faster than they lose.
+_WEIGHTED_PER_LAUNCH = 2
 
-# (ways, weight, taper) -> (amplitude, half of the path difference)
-Integrand = Callable[[list[Leg], Any, Any], tuple[Any, Any]]
+# (ways, point, normal, area, taper) -> (amplitude, half of the path difference, complex factor of a frequency's entry)
+Weight = Callable[[UInt32], Any]
+Integrand = Callable[[list[Leg], Any, Any, Any, Any], tuple[Any, Any, Weight | None]]
 
 
 def frequency_nodes(
@@ -43,15 +46,18 @@ def sum_pairs(
     rx_m: NDArray[np.float64] | None,
     frequencies_hz: NDArray[np.float64],
     integrand: Integrand,
+    *,
+    weighted: bool = False,
 ) -> NDArray[np.complex128]:
-    """sum_s V g exp(-j 4 pi f rho / c) for every antenna and frequency.
+    """sum_s V W(f) g exp(-j 4 pi f rho / c) for every antenna and frequency.
 
     Args:
         table: per sample offset from the reference point, normal, weight, taper, shape (S, 8).
         visible: shape (n, S).
         tx_m, rx_m: antennas relative to the reference point, (n, 3); rx_m None means monostatic.
         frequencies_hz: shape (F,).
-        integrand: amplitude g and path difference rho of a pair.
+        integrand: amplitude g, path difference rho and factor W(f) of a pair; its point is relative, too.
+        weighted: whether the integrand has such a factor.
 
     Returns:
         Shape (n, F).
@@ -65,20 +71,26 @@ def sum_pairs(
     antennas = [tx_m] if rx_m is None else [tx_m, rx_m]
     positions = [to_device_vectors(np.repeat(offset, slots, axis=0)) for offset in antennas]
     ranges = [to_device(np.repeat(np.linalg.norm(offset, axis=1), slots)) for offset in antennas]
-    stop, step = dr.opaque(UInt32, num_samples), dr.opaque(UInt32, slots)
+    stop, stride = dr.opaque(UInt32, num_samples), dr.opaque(UInt32, slots)
 
-    def launch(turns_per_metre: list[Float]) -> list[NDArray[np.float32]]:
+    def launch(entries: list[UInt32], turns_per_metre: list[Float]) -> list[NDArray[np.float32]]:
         def body(index: UInt32, *sums: Float) -> tuple[Any, ...]:
             head = dr.gather(Array4f, samples, 2 * index)
             tail = dr.gather(Array4f, samples, 2 * index + 1)
             seen = dr.gather(Float, mask, row_start + index)
             point, normal = Array3f(head.x, head.y, head.z), Array3f(head.w, tail.x, tail.y)
             legs = [leg(p, r, point, normal) for p, r in zip(positions, ranges, strict=True)]
-            amplitude, excess = integrand(legs, tail.z, tail.w)
+            amplitude, excess, weight = integrand(legs, point, normal, tail.z, tail.w)
             amplitude *= seen
-            updated: list[Any] = [index + step]
-            for i, turns in enumerate(turns_per_metre):
+            updated: list[Any] = [index + stride]
+            for i, (entry, turns) in enumerate(zip(entries, turns_per_metre, strict=True)):
                 real, imaginary = phasor(excess * turns)
+                if weight is not None:
+                    factor = weight(entry)
+                    real, imaginary = (
+                        real * factor.real - imaginary * factor.imag,
+                        real * factor.imag + imaginary * factor.real,
+                    )
                 updated += [sums[2 * i] + amplitude * real, sums[2 * i + 1] + amplitude * imaginary]
             return tuple(updated)
 
@@ -90,10 +102,11 @@ def sum_pairs(
         return [value.numpy() for value in state[1:]]
 
     columns = []
-    for start in range(0, len(frequencies_hz), _FREQUENCIES_PER_LAUNCH):
-        chunk = frequencies_hz[start : start + _FREQUENCIES_PER_LAUNCH]
+    step = _WEIGHTED_PER_LAUNCH if weighted else _FREQUENCIES_PER_LAUNCH
+    for start in range(0, len(frequencies_hz), step):
+        chunk = frequencies_hz[start : start + step]
         turns = [dr.opaque(Float, float(-2.0 * f / SPEED_OF_LIGHT_M_PER_S)) for f in chunk]
-        parts = launch(turns)
+        parts = launch([dr.opaque(UInt32, start + i) for i in range(len(chunk))], turns)
         columns += [
             parts[2 * i].reshape(num_rows, slots).sum(axis=1, dtype=np.float64)
             + 1j * parts[2 * i + 1].reshape(num_rows, slots).sum(axis=1, dtype=np.float64)

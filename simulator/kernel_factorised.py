@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from waveformer.simulator.device import to_device
 from waveformer.simulator.echo_terms import echo, leg, phasor
 from waveformer.simulator.range_bins import NUM_MOMENTS, RangeBins
+from waveformer.simulator.response import Response
 
 
 class NodeLanes(NamedTuple):
@@ -35,6 +36,7 @@ class NodeLanes(NamedTuple):
         transmitters, receivers: table of 3 floats a node; receivers None means monostatic.
         centers: table of 3 floats a cell.
         first, last: range of lit samples of every cell.
+        frequency: entry of the response's frequencies of every lane.
     """
 
     node: UInt32
@@ -44,10 +46,16 @@ class NodeLanes(NamedTuple):
     centers: Float
     first: UInt32
     last: UInt32
+    frequency: UInt32
 
 
 def cell_moments(
-    samples: Float, members: UInt32, lanes: NodeLanes, ranges: RangeBins, two_sided: bool
+    samples: Float,
+    members: UInt32,
+    lanes: NodeLanes,
+    ranges: RangeBins,
+    two_sided: bool,
+    response: Response | None,
 ) -> list[Float]:
     """Stage 1: moments of every cell's echo at every node position, launched and not waited for.
 
@@ -59,9 +67,10 @@ def cell_moments(
         lanes: the pairs.
         ranges: the carrier's wavelength and X, the scale of the moments.
         two_sided: see `echo_terms.echo`.
+        response: factor W of a pair; None for 1.
 
     Returns:
-        Real and imaginary parts of the moments sum g exp(-2 j k_c rho) (rho / X)^i: 2 * NUM_MOMENTS
+        Real and imaginary parts of the moments sum W g exp(-2 j k_c rho) (rho / X)^i: 2 * NUM_MOMENTS
         arrays (lanes,).
     """
     center = dr.gather(Array3f, lanes.centers, lanes.cell)
@@ -79,11 +88,17 @@ def cell_moments(
         tail = dr.gather(Array4f, samples, 2 * member + 1)
         point, normal = Array3f(head.x, head.y, head.z), Array3f(head.w, tail.x, tail.y)
         back = None if receive is None else leg(receive, receive_range, point, normal)
-        amplitude, excess = echo(
-            leg(transmit, transmit_range, point, normal), back, tail.z, tail.w, two_sided
-        )
+        out = leg(transmit, transmit_range, point, normal)
+        amplitude, excess, cosine = echo(out, back, tail.z, tail.w, two_sided)
         real, imaginary = phasor(excess * turns_per_metre)
         real, imaginary = real * amplitude, imaginary * amplitude
+        if response is not None:
+            legs = [out] if back is None else [out, back]
+            weight = response(center + point, legs, cosine, normal, lanes.frequency)
+            real, imaginary = (
+                real * weight.real - imaginary * weight.imag,
+                real * weight.imag + imaginary * weight.real,
+            )
         power = excess * inverse_scale
         updated: list[Any] = [index + 1]
         for moment in range(NUM_MOMENTS):
@@ -177,6 +192,8 @@ def deposit_samples(
     antennas: Antennas,
     visible: Float,
     two_sided: bool,
+    response: Response | None,
+    frequency: int,
 ) -> None:
     """The few samples whose visibility changes inside a tile: pair by pair into the same bins.
 
@@ -186,6 +203,7 @@ def deposit_samples(
         members: rows of `samples` to sum.
         visible: 0 .. 1 for every (antenna, member).
         two_sided: see `echo_terms.echo`.
+        response, frequency: factor W of a pair and the entry of its frequencies; None for 1.
     """
     lane, row, column = antenna_lanes(antennas.count, dr.width(members))
     seen = dr.gather(Float, visible, lane)
@@ -193,12 +211,19 @@ def deposit_samples(
     head, tail = dr.gather(Array4f, samples, 2 * member), dr.gather(Array4f, samples, 2 * member + 1)
     point, normal = Array3f(head.x, head.y, head.z), Array3f(head.w, tail.x, tail.y)
     legs = [leg(position, range_m, point, normal) for position, range_m in antennas.at(row)]
-    amplitude, excess = echo(legs[0], legs[1] if len(legs) > 1 else None, tail.z, tail.w, two_sided)
+    amplitude, excess, cosine = echo(legs[0], legs[1] if len(legs) > 1 else None, tail.z, tail.w, two_sided)
     amplitude = amplitude * seen
     bin_index, offset = bin_of(excess, ranges)
     real, imaginary = phasor(excess * dr.opaque(Float, -2.0 / ranges.wavelength_m))
     # a lone sample lies within half a bin of its bin, where two moments reach the tolerance
     real, imaginary = real * amplitude, imaginary * amplitude
+    if response is not None:
+        reference = Array3f(*(dr.opaque(Float, float(value)) for value in ranges.center_m))
+        weight = response(reference + point, legs, cosine, normal, dr.opaque(UInt32, frequency))
+        real, imaginary = (
+            real * weight.real - imaginary * weight.imag,
+            real * weight.imag + imaginary * weight.real,
+        )
     packet = Array4f(real, imaginary, real * offset, imaginary * offset)
     index = row * dr.opaque(UInt32, ranges.count) + bin_index
     dr.scatter_reduce(dr.ReduceOp.Add, bins, packet, 2 * index, amplitude != 0)

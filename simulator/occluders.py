@@ -20,7 +20,7 @@ class Sheet:
     """An infinite flat sheet: cardboard, cloth, foam.
 
     Attributes:
-        point_m: a point of the middle of the sheet, shape (3,).
+        point_m: a point of the face towards the radar, shape (3,).
         normal: normal of the sheet, either way round, shape (3,); made a unit vector.
         thickness_m: of the sheet.
         permittivity: complex eps' - j eps'', or the name of a material.
@@ -46,6 +46,15 @@ class Sheet:
     def material(self) -> Material:
         """The slab that the sheet is."""
         return wall_material(self.permittivity, self.thickness_m)
+
+    def describe(self, frequency_hz: float) -> dict[str, Any]:
+        """JSON values for the metadata of a scan."""
+        return {
+            "point_m": np.asarray(self.point_m).tolist(),
+            "normal": np.asarray(self.normal).tolist(),
+            "echo": self.echo,
+            **self.material.describe(frequency_hz),
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +88,24 @@ class Box:
     def material(self) -> Material:
         """The slab that a wall is."""
         return wall_material(self.permittivity, self.thickness_m)
+
+    @property
+    def middle_min_m(self) -> NDArray[np.float64]:
+        """Lower corner of the walls' middle surfaces: what lies beyond them is outside, shape (3,)."""
+        return np.asarray(self.min_m) + 0.5 * self.thickness_m
+
+    @property
+    def middle_max_m(self) -> NDArray[np.float64]:
+        """Upper corner of the same, shape (3,)."""
+        return np.asarray(self.max_m) - 0.5 * self.thickness_m
+
+    def describe(self, frequency_hz: float) -> dict[str, Any]:
+        """JSON values for the metadata of a scan."""
+        return {
+            "min_m": np.asarray(self.min_m).tolist(),
+            "max_m": np.asarray(self.max_m).tolist(),
+            **self.material.describe(frequency_hz),
+        }
 
 
 def wall_material(permittivity: complex | str, thickness_m: float) -> Material:

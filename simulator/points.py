@@ -80,10 +80,10 @@ def simulate_points(points_m: ArrayLike, rcs_m2: ArrayLike, chirp: Chirp, apertu
     return Measurement(h, chirp, aperture, metadata={"targets": [{"name": "points", "bounds_m": bounds}]})
 
 
-def _point(legs: list[Leg], weight: Any, _taper: Any) -> tuple[Any, Any]:
+def _point(legs: list[Leg], _place: Any, _normal: Any, weight: Any, _taper: Any) -> tuple[Any, Any, None]:
     """Spreading and path difference of a point scatterer."""
     out, back = legs[0], legs[-1]
-    return weight * out.inverse_m * back.inverse_m, 0.5 * (out.excess_m + back.excess_m)
+    return weight * out.inverse_m * back.inverse_m, 0.5 * (out.excess_m + back.excess_m), None
 
 
 def _check_ranges(points: Any, chirp: Chirp, aperture: Aperture) -> None:

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from waveformer.simulator.grid import Grid
 from waveformer.simulator.quadrature import SurfaceSamples
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Aperture, Chirp
+from waveformer.simulator.reference_response import pair_response
+from waveformer.simulator.response_plan import ResponsePlan
 
 
 def integrand(
@@ -52,8 +54,9 @@ def dense_echo(
     aperture: Aperture,
     visible: NDArray[np.bool_],
     two_sided: bool,
+    response: ResponsePlan | None = None,
 ) -> NDArray[np.complex128]:
-    """sum_s V g exp(-j 4 pi f R / c), every exponential evaluated: the twin of `exact_echo`.
+    """sum_s V W g exp(-j 4 pi f R / c), every exponential evaluated: the twin of `exact_echo`.
 
     Args:
         samples: S surface samples.
@@ -61,9 +64,10 @@ def dense_echo(
         chirp, aperture: T samples, N pairs.
         visible: shape (N, S).
         two_sided: whether the back of the surface reflects.
+        response: what W consists of, evaluated at every sample of the chirp; None for W = 1.
 
     Returns:
-        Shape (N, T), not yet multiplied by j Gamma / (4 pi).
+        Shape (N, T), not yet multiplied by j / (4 pi).
     """
     echo = np.empty((len(aperture), chirp.num_samples), dtype=np.complex128)
     wavenumbers = 4.0 * np.pi * chirp.frequencies_hz / SPEED_OF_LIGHT_M_PER_S
@@ -74,6 +78,18 @@ def dense_echo(
         )  # fmt: skip
         seen = visible[row]
         phase = np.exp(-1j * range_m[seen, None] * wavenumbers[None, :])  # (S, T)
+        if response is not None:
+            phase *= np.stack(
+                [
+                    pair_response(
+                        response.material, response.surroundings, response.crossings, float(frequency),
+                        samples.points_m[seen], samples.normals[seen],
+                        aperture.tx_m[row], aperture.receivers_m[row],
+                    )
+                    for frequency in chirp.frequencies_hz
+                ],
+                axis=1,
+            )  # fmt: skip
         echo[row] = amplitude[seen] @ phase
     return echo
 

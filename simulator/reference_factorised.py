@@ -13,35 +13,46 @@ from waveformer.simulator.factorisation import Factorisation, TileWork
 from waveformer.simulator.radar import Aperture, Chirp
 from waveformer.simulator.range_bins import NUM_MOMENTS, RangeBins, reference_phase
 from waveformer.simulator.reference import integrand
+from waveformer.simulator.reference_response import pair_response
+from waveformer.simulator.response_plan import ResponsePlan
 
 
 def factorised_echo(
-    plan: Factorisation, work: list[TileWork], chirp: Chirp, aperture: Aperture, two_sided: bool
+    plan: Factorisation,
+    work: list[TileWork],
+    chirp: Chirp,
+    aperture: Aperture,
+    two_sided: bool,
+    response: ResponsePlan | None = None,
 ) -> NDArray[np.complex128]:
-    """Echo of one target, shape (N, T), not yet multiplied by j Gamma / (4 pi).
+    """Echo of one target, shape (N, T), not yet multiplied by j / (4 pi).
 
     Args:
         plan: cells and bins of the target.
         work: its tiles and what they see.
         chirp, aperture: the radar.
         two_sided: whether the back of the surface reflects.
+        response: what W consists of; None for W = 1.
     """
     echo = np.zeros((len(aperture), chirp.num_samples), dtype=np.complex128)
     for item in work:
         bins = np.zeros((len(item.tile.rows), plan.ranges.count, NUM_MOMENTS), dtype=np.complex128)
-        moments = _moments_at_nodes(plan, item, two_sided)  # stage 1: (nodes, cells, moments)
+        moments = _moments_at_nodes(plan, item, two_sided, response)  # stage 1: (nodes, cells, moments)
         if item.tile.weights is not None:
             moments = np.tensordot(item.tile.weights.astype(np.float64), moments, axes=1)  # stage 2
         _deposit(bins, plan.ranges, moments, _excess(aperture, item, plan, plan.cells.centers_m[item.cells]))
-        _deposit_partial(bins, plan, item, aperture, two_sided)
+        _deposit_partial(bins, plan, item, aperture, two_sided, response)
         spectrum = bins.reshape(len(bins), -1) @ plan.ranges.to_samples  # stage 4
-        echo[item.tile.rows] = spectrum * reference_phase(
-            chirp, aperture, item.tile.rows, plan.ranges.center_m
-        )
+        spectrum = spectrum * reference_phase(chirp, aperture, item.tile.rows, plan.ranges.center_m)
+        if response is not None:
+            spectrum = spectrum * response.to_samples[item.frequency]
+        echo[item.tile.rows] += spectrum
     return echo
 
 
-def _moments_at_nodes(plan: Factorisation, item: TileWork, two_sided: bool) -> NDArray[np.complex128]:
+def _moments_at_nodes(
+    plan: Factorisation, item: TileWork, two_sided: bool, response: ResponsePlan | None
+) -> NDArray[np.complex128]:
     """Stage 1: moments of the lit samples of every cell at every node of the tile."""
     tile, ranges = item.tile, plan.ranges
     members = np.concatenate(
@@ -62,6 +73,9 @@ def _moments_at_nodes(plan: Factorisation, item: TileWork, two_sided: bool) -> N
         to_center = 0.5 * (np.linalg.norm(tx_m - centers, axis=1) + np.linalg.norm(rx_m - centers, axis=1))
         excess = range_m - to_center
         value = amplitude * np.exp(-4j * np.pi / ranges.wavelength_m * excess)
+        value = value * _response(
+            response, item, samples.points_m[members], samples.normals[members], tx_m, rx_m
+        )
         for moment in range(NUM_MOMENTS):
             if len(members):
                 moments[node, :, moment] = np.add.reduceat(value, starts)
@@ -95,7 +109,12 @@ def _deposit(
 
 
 def _deposit_partial(
-    bins: NDArray[np.complex128], plan: Factorisation, item: TileWork, aperture: Aperture, two_sided: bool
+    bins: NDArray[np.complex128],
+    plan: Factorisation,
+    item: TileWork,
+    aperture: Aperture,
+    two_sided: bool,
+    response: ResponsePlan | None,
 ) -> None:
     """Samples whose visibility changes inside the tile, pair by pair."""
     partial, samples = item.visibility.partial, plan.samples
@@ -108,7 +127,9 @@ def _deposit_partial(
     )  # fmt: skip
     amplitude = amplitude * (item.tile.ray_weights.astype(np.float64) @ item.visibility.partial_visible)
     moments = np.zeros((*amplitude.shape, NUM_MOMENTS), dtype=np.complex128)
-    moments[..., 0] = amplitude
+    tx_m, rx_m = aperture.tx_m[rows][:, None], aperture.receivers_m[rows][:, None]
+    weight = _response(response, item, samples.points_m[partial], samples.normals[partial], tx_m, rx_m)
+    moments[..., 0] = amplitude * weight
     _deposit(bins, plan.ranges, moments, _excess(aperture, item, plan, samples.points_m[partial]), count=2)
 
 
@@ -121,3 +142,27 @@ def _excess(
         total += np.linalg.norm(antennas[:, None] - points_m, axis=2)
         total -= np.linalg.norm(antennas - plan.ranges.center_m, axis=1)[:, None]
     return 0.5 * total
+
+
+def _response(
+    response: ResponsePlan | None,
+    item: TileWork,
+    points_m: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    tx_m: NDArray[np.float64],
+    rx_m: NDArray[np.float64],
+) -> NDArray[np.complex128]:
+    """W of samples and antennas that broadcast, at the frequency of the item."""
+    if response is None:
+        return np.ones(1, dtype=np.complex128)
+    frequency_hz = float(response.frequencies_hz[item.frequency])
+    return pair_response(
+        response.material,
+        response.surroundings,
+        response.crossings,
+        frequency_hz,
+        points_m,
+        normals,
+        tx_m,
+        rx_m,
+    )

@@ -63,6 +63,7 @@ def build_tiles(
     wavelength_m: float,
     tolerance: float,
     leaf_spacing_m: float,
+    response_phase_per_radian: float = 0.0,
 ) -> list[Tile]:
     """Cut the aperture into tiles with interpolation nodes of bounded error.
 
@@ -73,11 +74,12 @@ def build_tiles(
         wavelength_m: shortest wavelength of the chirp.
         tolerance: see `Numerics`.
         leaf_spacing_m: pitch of the positions from which visibility is traced.
+        response_phase_per_radian: how fast the phase of the response changes with the direction of a way.
     """
     centers = 0.5 * (aperture.tx_m + aperture.receivers_m)
     max_extent = closest_m * np.radians(MAX_TILE_ANGLE_DEG)
     # |d/dv (R_sample - R_cell centre)| <= radius / distance across the line of sight (both ways: 2 k)
-    phase_per_metre = 4.0 * np.pi / wavelength_m * cell_radius_m / closest_m
+    phase_per_metre = (4.0 * np.pi / wavelength_m * cell_radius_m + response_phase_per_radian) / closest_m
     tiles = []
     for group, shift in _groups_of_equal_offset(aperture):
         for members in group_into_tiles(centers[group], MAX_TILE_POSITIONS, max_extent):

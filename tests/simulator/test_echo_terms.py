@@ -63,6 +63,6 @@ def test_a_sample_echoes_only_if_both_antennas_are_on_one_lit_side(
     for antenna in ([0.5, 0.0, tx_z], [0.0, 0.3, rx_z]):
         length = to_device(np.array([np.linalg.norm(antenna)]))
         ways.append(leg(to_device_vectors(np.array([antenna])), length, origin, normal))
-    amplitude, _ = echo(ways[0], ways[1], to_device(np.ones(1)), to_device(np.zeros(1)), two_sided)
+    amplitude, _, _ = echo(ways[0], ways[1], to_device(np.ones(1)), to_device(np.zeros(1)), two_sided)
     expected = 0.5 * (1 / np.sqrt(1.25) + 1 / np.sqrt(1.09)) / np.sqrt(1.25 * 1.09) if lit else 0.0
     assert amplitude.numpy()[0] == pytest.approx(expected, rel=1e-5)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from waveformer.simulator import exact_echo, primitives
+from waveformer.simulator.echo_source import EchoSource
 from waveformer.simulator.factorisation import taper_scale
 from waveformer.simulator.mesh import SurfaceMesh, load_mesh
 from waveformer.simulator.numerics import EXACT
@@ -52,7 +53,8 @@ def echo_of(mesh: Any, aperture: Aperture, tile_positions: int | None = None) ->
         assert tile_positions is None or len(rows) <= tile_positions
         h[rows] += echo
 
-    exact_echo.exact_echo(scene, samples, surface.two_sided, CHIRP, aperture, EXACT, tile_positions, add)
+    source = EchoSource(samples, surface.two_sided, 0.3)
+    exact_echo.exact_echo(scene, source, CHIRP, aperture, EXACT, tile_positions, add)
     return h
 
 

@@ -14,9 +14,9 @@ pytestmark = pytest.mark.usefixtures("mitsuba_variant")
 CHIRP = Chirp(77e9, 4e9, 64)
 
 
-def unit(legs: list[Any], weight: Any, _taper: Any) -> tuple[Any, Any]:
+def unit(legs: list[Any], _point: Any, _normal: Any, weight: Any, _taper: Any) -> tuple[Any, Any, None]:
     """An integrand without geometry but the path."""
-    return weight, 0.5 * (legs[0].excess_m + legs[-1].excess_m)
+    return weight, 0.5 * (legs[0].excess_m + legs[-1].excess_m), None
 
 
 def echoes(radius_m: float, frequencies_hz: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from waveformer.simulator import fast_echo, primitives
+from waveformer.simulator.echo_source import EchoSource
 from waveformer.simulator.factorisation import Factorisation, TileWork, taper_scale
 from waveformer.simulator.mesh import load_mesh
 from waveformer.simulator.numerics import FAST, Numerics
@@ -17,6 +18,7 @@ from waveformer.simulator.quadrature import SurfaceSamples, sample_surface
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Aperture, Chirp
 from waveformer.simulator.reference import dense_echo
 from waveformer.simulator.reference_factorised import factorised_echo
+from waveformer.simulator.response_plan import ResponsePlan
 from waveformer.simulator.scene import VISIBLE, SampleTable, build_scene, sample_states
 
 pytestmark = pytest.mark.usefixtures("mitsuba_variant")
@@ -64,7 +66,7 @@ class Run:
 
 def run(
     mesh: Any, aperture: Aperture, monkeypatch: pytest.MonkeyPatch, numerics: Numerics = FAST,
-    tile_positions: int | None = None,
+    tile_positions: int | None = None, response: ResponsePlan | None = None,
 ) -> Run:  # fmt: skip
     surface = load_mesh(mesh)
     samples = sample_surface(surface, np.eye(4), WAVELENGTH_M / 3)
@@ -87,7 +89,13 @@ def run(
 
     closest_m = -float(surface.vertices_m[:, 2].max())
     fast_echo.fast_echo(
-        scene, samples, surface.two_sided, closest_m, CHIRP, aperture, numerics, tile_positions, add
+        scene,
+        EchoSource(samples, surface.two_sided, closest_m, response),
+        CHIRP,
+        aperture,
+        numerics,
+        tile_positions,
+        add,
     )
     monkeypatch.setattr(fast_echo, "_batches", original)
     return Run(h, plans[0], work, samples, scene, surface.two_sided)

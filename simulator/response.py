@@ -1,0 +1,231 @@
+"""What a pair of ways does to an echo besides spreading and delay, in Dr.Jit: matter, sheets, walls, antennas.
+
+The complex factor W of one pair of sample and antenna,
+
+    h = (j / 4 pi) sum W V (cos_i + cos_r) / 2 dA / (R_tx R_rx) exp(-j k (R_tx + R_rx)),
+
+with W = Gamma of the surface, times the transmission of every sheet and wall that the two ways cross, times the
+amplitude gains of both antennas. Its NumPy float64 twin is `reference_response`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import drjit as dr
+import numpy as np
+from drjit.llvm.ad import Array3f, Complex2f, Float, UInt32
+
+from waveformer.simulator.device import to_device
+from waveformer.simulator.echo_terms import Leg
+from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S
+from waveformer.simulator.reflection import coherent_loss, wall_coefficients
+from waveformer.simulator.response_plan import ResponsePlan
+from waveformer.simulator.surroundings import Surroundings
+
+# Entries of an antenna's table over sin(angle): a step of 0.1 degrees at broadside.
+_GAIN_ENTRIES = 1025
+
+
+class _Field(NamedTuple):
+    """A complex vector: the field that one way carries."""
+
+    real: Any
+    imaginary: Any
+
+    def through(self, direction: Any, normal: Any, transmit_s: Any, transmit_p: Any) -> _Field:
+        """Behind a wall: what lies across the plane of incidence changes by s, the rest by p."""
+        across = _unit_or_zero(dr.cross(direction, normal))
+        share = Complex2f(dr.dot(self.real, across), dr.dot(self.imaginary, across))
+        extra = (transmit_s - transmit_p) * share
+        return _Field(
+            transmit_p.real * self.real - transmit_p.imag * self.imaginary + extra.real * across,
+            transmit_p.real * self.imaginary + transmit_p.imag * self.real + extra.imag * across,
+        )
+
+
+class Response:
+    """W of one target, on the device.
+
+    Args:
+        plan: what it consists of and where it is evaluated.
+    """
+
+    def __init__(self, plan: ResponsePlan) -> None:
+        material, surroundings = plan.material, plan.surroundings
+        self._material, self._surroundings, self._crossings = material, surroundings, plan.crossings
+        matters = [material, *(sheet.material for sheet in surroundings.sheets)]
+        if surroundings.box is not None:
+            matters.append(surroundings.box.material)
+        rows = []
+        for frequency in plan.frequencies_hz:
+            values = [1.0 if m.permittivity is None else m.permittivity.at(frequency) for m in matters]
+            parts = [part for value in values for part in (complex(value).real, complex(value).imag)]
+            rows.append([2.0 * np.pi * frequency / SPEED_OF_LIGHT_M_PER_S, *parts])
+        self._table, self._stride = to_device(np.array(rows)), len(rows[0])
+        self._polarization = _constant(surroundings.polarization)
+        self._gain = None if surroundings.antenna.is_isotropic else _gain_tables(surroundings)
+        broadside = surroundings.antenna.amplitude(np.array([0.0, 0.0, 1.0]))
+        self._broadside = dr.opaque(Float, float(broadside))
+
+    def __call__(self, point: Any, legs: list[Leg], cosine: Any, normal: Any, frequency: UInt32) -> Any:
+        """W for lanes.
+
+        Args:
+            point: sample in the radar frame (Array3f).
+            legs: the way of the transmitter, and of the receiver unless monostatic.
+            cosine: of the local angle of incidence.
+            normal: of the sample (Array3f).
+            frequency: entry of the plan's frequencies.
+
+        Returns:
+            Complex2f.
+        """
+        wavenumber = self._value(frequency, 0)
+        fields = [_transverse(self._polarization, leg.direction) for leg in legs]
+        weight = self._reflection(legs, fields, cosine, normal, wavenumber, frequency)
+        if self._surroundings.occludes:
+            weight = weight * self._transmission(point, legs, fields, wavenumber, frequency)
+        gain = self._amplitude_gain(legs[0])
+        return weight * (gain * (gain if len(legs) == 1 else self._amplitude_gain(legs[1])))
+
+    def _value(self, frequency: UInt32, entry: int) -> Float:
+        return dr.gather(Float, self._table, frequency * self._stride + entry)
+
+    def _permittivity(self, frequency: UInt32, matter: int) -> Any:
+        return Complex2f(self._value(frequency, 1 + 2 * matter), self._value(frequency, 2 + 2 * matter))
+
+    def _reflection(
+        self, legs: list[Leg], fields: list[Any], cosine: Any, normal: Any, wavenumber: Any, frequency: UInt32
+    ) -> Any:
+        """Gamma at the local angle: s and p by how the fields lie, with the coherent loss of a rough surface."""
+        material = self._material
+        loss: Any = -1.0 if material.is_conductor else 1.0
+        if material.roughness_m > 0:
+            loss = loss * coherent_loss(dr.opaque(Float, material.roughness_m), cosine, wavenumber)
+        if material.is_conductor:
+            return Complex2f(loss, 0.0)
+        thickness = None if material.thickness_m is None else dr.opaque(Float, material.thickness_m)
+        wall = wall_coefficients(self._permittivity(frequency, 0), thickness, cosine, wavenumber)
+        shares = []
+        for way, field in zip(legs, fields, strict=True):
+            part = dr.dot(field, _unit_or_zero(dr.cross(way.direction, normal)))
+            shares.append(part * part)
+        share_s = shares[0] if len(shares) == 1 else 0.5 * (shares[0] + shares[1])
+        return (wall.reflect_p + (wall.reflect_s - wall.reflect_p) * share_s) * loss
+
+    def _transmission(
+        self, point: Any, legs: list[Leg], fields: list[Any], wavenumber: Any, frequency: UInt32
+    ) -> Any:
+        """Product of the fields behind all that the two ways cross, over that in free space."""
+        carried = [
+            self._behind_all(point, leg, field, wavenumber, frequency)
+            for leg, field in zip(legs, fields, strict=True)
+        ]
+        one, other = carried[0], carried[-1]
+        product = Complex2f(
+            dr.dot(one.real, other.real) - dr.dot(one.imaginary, other.imaginary),
+            dr.dot(one.real, other.imaginary) + dr.dot(one.imaginary, other.real),
+        )
+        return product if len(legs) == 1 else product / dr.dot(fields[0], fields[1])
+
+    def _behind_all(self, point: Any, leg: Leg, field: Any, wavenumber: Any, frequency: UInt32) -> _Field:
+        carried = _Field(field, Array3f(0.0))
+        for index, sheet in enumerate(self._surroundings.sheets):
+            normal = _constant(sheet.normal)
+            height = dr.dot(point - _constant(sheet.point_m), normal)
+            along = dr.dot(leg.direction, normal)
+            crosses = height * (height + along / leg.inverse_m) < 0
+            wall = wall_coefficients(
+                self._permittivity(frequency, 1 + index),
+                dr.opaque(Float, sheet.thickness_m),
+                dr.abs(along),
+                wavenumber,
+            )
+            carried = _where(
+                crosses, carried.through(leg.direction, normal, wall.transmit_s, wall.transmit_p), carried
+            )
+        box = self._surroundings.box
+        if box is None or self._crossings == "none":
+            return carried
+        matter = 1 + len(self._surroundings.sheets)
+        entry, leave = _box_crossings(point, leg, _constant(box.middle_min_m), _constant(box.middle_max_m))
+        for crosses, normal in (leave,) if self._crossings == "leaving" else (entry, leave):
+            wall = wall_coefficients(
+                self._permittivity(frequency, matter),
+                dr.opaque(Float, box.thickness_m),
+                dr.abs(dr.dot(leg.direction, normal)),
+                wavenumber,
+            )
+            carried = _where(
+                crosses, carried.through(leg.direction, normal, wall.transmit_s, wall.transmit_p), carried
+            )
+        return carried
+
+    def _amplitude_gain(self, leg: Leg) -> Any:
+        """sqrt(G) towards the sample: the cuts through both principal planes, over broadside."""
+        if self._gain is None:
+            return self._broadside
+        towards = leg.direction
+        amplitude = dr.rcp(self._broadside)
+        for table, component in zip(self._gain, (towards.x, towards.y), strict=True):
+            sine = component * dr.rsqrt(component * component + towards.z * towards.z)
+            place = (sine + 1.0) * (0.5 * (_GAIN_ENTRIES - 1))
+            below = dr.floor(dr.select(place < _GAIN_ENTRIES - 1.001, place, _GAIN_ENTRIES - 1.001))
+            part = place - below
+            low, high = (dr.gather(Float, table, UInt32(below) + step) for step in (0, 1))
+            amplitude = amplitude * (low + part * (high - low))
+        return dr.select(towards.z > 0, amplitude, 0.0)
+
+
+def _box_crossings(point: Any, leg: Leg, low: Any, high: Any) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
+    """(whether, normal of the wall) where a way enters and where it leaves a box."""
+    length = dr.rcp(leg.inverse_m)
+    nearest = farthest = None
+    for axis in range(3):
+        rate = leg.direction[axis]
+        # a way along a wall never reaches it
+        rate = dr.select(dr.abs(rate) > 1e-9, rate, 1e-9)
+        first, second = (low[axis] - point[axis]) / rate, (high[axis] - point[axis]) / rate
+        swap = first > second
+        early, late = dr.select(swap, second, first), dr.select(swap, first, second)
+        unit = Array3f(*(float(axis == other) for other in range(3)))
+        if nearest is None or farthest is None:
+            nearest, farthest = (early, unit), (late, unit)
+        else:
+            nearest = _choose(early > nearest[0], (early, unit), nearest)
+            farthest = _choose(late < farthest[0], (late, unit), farthest)
+    assert nearest is not None and farthest is not None
+    meets = nearest[0] < farthest[0]
+    return tuple((meets & (at > 0) & (at < length), normal) for at, normal in (nearest, farthest))  # type: ignore[return-value]
+
+
+def _choose(condition: Any, one: tuple[Any, Any], other: tuple[Any, Any]) -> tuple[Any, Any]:
+    return dr.select(condition, one[0], other[0]), dr.select(condition, one[1], other[1])
+
+
+def _where(condition: Any, one: _Field, other: _Field) -> _Field:
+    return _Field(
+        dr.select(condition, one.real, other.real), dr.select(condition, one.imaginary, other.imaginary)
+    )
+
+
+def _transverse(polarization: Any, direction: Any) -> Any:
+    """Unit vector of E across the way: the antenna's polarisation less its part along it."""
+    return _unit_or_zero(polarization - dr.dot(polarization, direction) * direction)
+
+
+def _unit_or_zero(vector: Any) -> Any:
+    square = dr.squared_norm(vector)
+    return vector * dr.select(square > 1e-12, dr.rsqrt(square), 0.0)
+
+
+def _constant(vector: Any) -> Any:
+    return Array3f(*(dr.opaque(Float, float(value)) for value in vector))
+
+
+def _gain_tables(surroundings: Surroundings) -> list[Float]:
+    sine = np.linspace(-1.0, 1.0, _GAIN_ENTRIES)
+    cosine, nothing = np.sqrt(1.0 - sine**2), np.zeros_like(sine)
+    planes = ((sine, nothing, cosine), (nothing, sine, cosine))
+    return [to_device(surroundings.antenna.amplitude(np.stack(plane, axis=-1))) for plane in planes]

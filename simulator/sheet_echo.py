@@ -1,0 +1,55 @@
+"""A sheet's own echo: the antenna's mirror image in its face, weakened by the slab's reflection."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from waveformer.simulator.errors import RadarError
+from waveformer.simulator.occluders import Sheet
+from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Aperture, Chirp
+from waveformer.simulator.reference_response import pair_response
+from waveformer.simulator.response_plan import plan_response
+from waveformer.simulator.surroundings import Surroundings
+
+
+def sheet_echo(
+    sheet: Sheet, surroundings: Surroundings, chirp: Chirp, aperture: Aperture, tolerance: float
+) -> NDArray[np.complex64]:
+    """Echo of an infinite sheet, h = r lambda / (4 pi L) exp(-j k L), L the path by way of its face.
+
+    Exact for an infinite mirror, for pairs, too; r is the plane wave's at the angle of reflection. Other sheets
+    and the box weaken it; objects in front of it do not shadow it.
+
+    Args:
+        sheet: one of the surroundings' sheets.
+        surroundings: antennas and occluders.
+        chirp, aperture: the radar, T samples and N pairs.
+        tolerance: of the interpolation over the band.
+
+    Returns:
+        Shape (N, T).
+
+    Raises:
+        RadarError: antennas lie on both sides of the sheet.
+    """
+    normal, point = np.asarray(sheet.normal), np.asarray(sheet.point_m)
+    tx, rx = aperture.tx_m, aperture.receivers_m
+    height_tx, height_rx = (tx - point) @ normal, (rx - point) @ normal
+    if not (height_tx * height_rx > 0).all():
+        raise RadarError("a sheet with an echo must have transmitter and receiver on one side of it")
+    image = rx - 2.0 * height_rx[:, None] * normal
+    length = np.linalg.norm(tx - image, axis=1)
+    mirror_point = tx + (height_tx / (height_tx + height_rx))[:, None] * (image - tx)
+    others = replace(surroundings, sheets=tuple(s for s in surroundings.sheets if s is not sheet))
+    plan = plan_response(sheet.material, others, "any", chirp, tolerance)
+    weights = [
+        pair_response(sheet.material, others, "any", float(f), mirror_point, normal, tx, rx)
+        for f in plan.frequencies_hz
+    ]
+    response = np.stack(weights, axis=1) @ plan.to_samples
+    phase = np.exp(-2j * np.pi * chirp.frequencies_hz * (length / SPEED_OF_LIGHT_M_PER_S)[:, None])
+    spreading = chirp.wavelengths_m / (4.0 * np.pi) / length[:, None]
+    return np.asarray(response * phase * spreading, dtype=np.complex64)
