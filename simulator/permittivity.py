@@ -54,9 +54,8 @@ class Permittivity:
 
 
 # Frequencies are those of the measurement; outside them the value is carried on unchanged.
-_ABS = Permittivity.constant(
-    2.7 - 0.022j
-)  # loss tangent 0.008, 11 GHz: Riddle et al., IEEE T-MTT 51 (2003) 727
+# ABS, 11 GHz, loss tangent 0.008: Riddle, Baker-Jarvis, Krupka, IEEE Trans. Microw. Theory Tech. 51 (2003) 727
+_ABS = Permittivity.constant(2.7 - 0.022j)
 
 PERMITTIVITIES: dict[str, Permittivity] = {
     "metal": Permittivity(1.0, 0.0, 1e7, 0.0),  # ITU-R P.2040-3, table 3, 1 - 100 GHz
@@ -68,11 +67,11 @@ PERMITTIVITIES: dict[str, Permittivity] = {
     # No measurement near 77 GHz was found. Corrugated board is wood fibre of about half the density of wood:
     # ITU-R P.2040-3, table 3, wood (0.001 - 100 GHz) mixed by volume with as much air.
     "cardboard": Permittivity(1.495, 0.0, 0.00235, 1.0718),
-    # Expanded polystyrene, 0.2 - 4 THz: index 1.017 - 1.022, loss below 1.5 / cm at 4 THz, an upper bound for the
-    # loss tangent at lower frequencies: Zhao et al., J. Opt. Soc. Am. B 19 (2002) 1476
+    # Polystyrene foam, 0.2 - 4 THz: index 1.017 - 1.022; loss below 1.5 / cm at 4 THz, taken as an upper bound of
+    # the loss tangent: Zhao et al., J. Opt. Soc. Am. B 19 (2002) 1476
     "foam": Permittivity.constant(1.04 - 0.0018j),
-    # Silicone rubber (PDMS), 40 GHz, loss tangent 0.048: Sharma, Gupta, Dankov, AEU Int. J. Electron. Commun. 127
-    # (2020) 153455
+    # Silicone rubber (PDMS), 40 GHz, loss tangent 0.048: Sharma, Gupta, Dankov, AEU Int. J. Electron. Commun.
+    # 127 (2020) 153455
     "rubber": Permittivity.constant(2.64 - 0.127j),
     # Alumina, loss tangent 0.0005, typical value for 77 GHz radar covers: Texas Instruments SWRA705 (2021)
     "ceramic": Permittivity.constant(9.8 - 0.0049j),

@@ -1,8 +1,8 @@
 """Exact field of a point source behind an infinite slab: truth for sheets between radar and object.
 
-The plane-wave (Weyl, Sommerfeld) integral over every direction, evanescent ones included, taken numerically and not
-by stationary phase: refraction, walk-off, spreading and inner echoes are all in it. It knows rays no more than the
-slab's distance: only the sum of both legs enters, so a sheet may lie anywhere between the two points.
+The plane-wave (Weyl, Sommerfeld) integral over every direction, evanescent ones included, taken numerically and
+not by stationary phase: refraction, walk-off, spreading and inner echoes are all in it. Only the sum of both legs
+enters, so the slab may lie anywhere between the two points.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from waveformer.simulator.slab import Amplitudes, slab_transmission
 
 # exp(-40) is below the rounding of a double
 _EVANESCENT_NEPERS = 40.0
-# How far the path of integration leaves the real axis, to pass above the branch point and the slab's guided waves
+# How far the path of integration leaves the real axis, to pass above the branch point and the guided waves
 _DETOUR_PER_M = 20.0
 _NODES, _RADIANS_PER_PANEL = 16, 6.0
 
@@ -33,7 +33,7 @@ def spectrum_transmission(
 
     The sources are the Hertz potentials along the normal of the slab (magnetic for s, electric for p): scalar
     spherical waves of which each plane-wave part crosses the slab with its own coefficient (Felsen & Marcuvitz,
-    Radiation and Scattering of Waves, 5.4 and 5.6; Weyl's identity without the slab).
+    Radiation and Scattering of Waves, ch. 5; without the slab it is Weyl's identity).
 
     Args:
         permittivity: relative, eps' - j eps''.

@@ -1,9 +1,9 @@
-"""What a flat interface or a thin wall sends back and lets through, in NumPy float64: the twin of `reflection`.
+"""What a flat interface or a thin wall sends back and lets through, in float64: the twin of `reflection`.
 
 Written from the textbook, not from the kernel: the slab is two interfaces and the phase between them.
 
-Time factor exp(+j omega t), permittivity eps' - j eps''. Both polarisations share the sign that makes them equal at
-normal incidence, so a good conductor has Gamma -> -1 in both (s: E perpendicular to the plane of incidence, p: in it).
+Time factor exp(+j omega t), permittivity eps' - j eps''. s: E perpendicular to the plane of incidence, p: in it.
+Both share the sign that makes them equal at normal incidence, so a good conductor has Gamma -> -1 in both.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ def fresnel_reflection(permittivity: ArrayLike, cosine: ArrayLike) -> Amplitudes
 
     Args:
         permittivity: relative, eps' - j eps''.
-        cosine: of the angle of incidence, above 0 and up to 1, or the complex one of an evanescent wave; broadcasts
-            with the permittivity.
+        cosine: of the angle of incidence, above 0 and up to 1, or the complex one of an evanescent wave;
+            broadcasts with the permittivity.
 
     Returns:
         Amplitude at the interface, the broadcast shape.
@@ -79,9 +79,10 @@ def refraction_factor(
 ) -> NDArray[np.complex128]:
     """What `slab_transmission` at the straight line lacks for a spherical wave: walk-off and spreading.
 
-    A plane wave meets the slab at one angle. Between two points at a distance R the ray is bent: it leaves displaced by
-    s = d sin (1 / cos - 1 / q), q = sqrt(eps - sin^2), and seems to come from a nearer source. To first order in
-    d / R, from the shift and the curvatures of the phase k d (cos - q) over the transverse wave numbers:
+    A plane wave meets the slab at one angle. Between two points at a distance R the ray is bent: it leaves
+    displaced by s = d sin (1 / cos - 1 / q), q = sqrt(eps - sin^2), and seems to come from a nearer source. To
+    first order in d / R, from the slope and the curvatures of the phase k d (cos - q) over the transverse wave
+    numbers:
 
         (1 - s sin / R - d / (2 R) (eps cos^2 / q^3 + 1 / q - 2 / cos)) exp(-j k s^2 cos^2 / (2 R))
 

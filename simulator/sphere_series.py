@@ -100,9 +100,10 @@ def _coefficients(
 
 
 def _logarithmic_derivative(n_max: int, x: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """psi_n'(x) / psi_n(x) for n = 1 .. n_max, shape (n_max, T), by downward recurrence (Bohren & Huffman eq. 4.89)."""
+    """psi_n'(x) / psi_n(x), n = 1 .. n_max, shape (n_max, T): downward recurrence (Bohren & Huffman eq. 4.89)."""
     largest = np.abs(x).max()
-    # a wrong start fades beyond the turning point n = |x| only, by exp(-1.9 (n - x)^1.5 x^-0.5): 8 x^(1/3) give 3e-19
+    # A wrong start fades beyond the turning point n = |x| only, by exp(-1.9 (n - x)^1.5 x^-0.5):
+    # 8 x^(1/3) more give 3e-19
     start = int(max(n_max, largest + 8 * np.cbrt(largest))) + 16
     derivative = np.zeros((start + 1, len(x)), dtype=complex)
     for n in range(start, 0, -1):

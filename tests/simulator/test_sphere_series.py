@@ -150,13 +150,13 @@ def test_dielectric_cross_section_agrees_with_miepython(index, ka):
 
 
 def test_huge_permittivity_is_a_conductor():
-    """The skin leaves 2 / |m| of the amplitude behind: 2e-3 at |eps| = 1e6, a tenth of that for a hundredfold."""
+    """Fresnel leaves 2 / |m| of the amplitude inside: 2e-2 at |eps| = 1e4, a tenth of that for a hundredfold."""
     conductor = sphere_echo(0.03, [0, 0, -0.4], ORIGIN, None, FREQUENCIES_HZ)
     errors = [
         np.abs(sphere_echo(0.03, [0, 0, -0.4], ORIGIN, None, FREQUENCIES_HZ, eps) / conductor - 1).max()
-        for eps in (-1e6j, -1e8j)
+        for eps in (-1e4j, -1e6j)
     ]
-    assert errors[0] < 3e-3
+    assert errors[0] < 3e-2
     assert errors[1] < 0.11 * errors[0]
 
 
