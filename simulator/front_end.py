@@ -114,7 +114,8 @@ FRONT_END_PRESETS: dict[str, dict[str, Any]] = {
     "ideal": {},
     # TI IWR1443 on its evaluation board with the settings of MITO (10 MS/s complex).
     "iwr1443": {
-        # Data sheet SWRS211, RF specification, 77-81 GHz: 12 dBm, 15 dB, -93 dBc/Hz at 1 MHz.
+        # Data sheet SWRS211, RF specification, 77-81 GHz: 12 dBm, 15 dB, -93 dBc/Hz at 1 MHz. A younger chip of the
+        # family has 13.5 dBm, 12 dB, -95 dBc/Hz (SWRS330).
         "noise_figure_db": 15.0,
         "transmit_power_dbm": 12.0,
         "sample_rate_hz": 10e6,
