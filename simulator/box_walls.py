@@ -1,31 +1,53 @@
-"""The walls of a box as reflecting surfaces: their outer and their inner faces."""
+"""The walls of a box as reflecting surfaces, cut into flat rectangles.
+
+A wall is flat, so pieces a wavelength wide are enough where each is weighed with the exact form factor of its
+rectangle (`response`): the phase over it is linear to 0.02 rad from 0.3 m on. Triangles of a third of a
+wavelength would be thirty times as many.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from waveformer.simulator.mesh import SurfaceMesh
 from waveformer.simulator.occluders import Box
-
-# Corners of the unit cube as x + 2 y + 4 z, and its faces as pairs of triangles wound outwards.
-_CORNERS = np.array([[i & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)], dtype=np.float64)
-_QUADS = ((0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6))
-_FACES = np.array([triangle for a, b, c, d in _QUADS for triangle in ((a, b, c), (a, c, d))])
+from waveformer.simulator.quadrature import SurfaceSamples
 
 
-def outer_faces(box: Box) -> SurfaceMesh:
-    """The six outer faces, normals outwards: a way from one of them to an antenna before it crosses nothing."""
-    return _cuboid(np.asarray(box.min_m), np.asarray(box.max_m), _FACES, "box (outside)")
+def wall_pieces(
+    box: Box, edge_m: float, antennas_m: NDArray[np.float64], *, inside: bool
+) -> tuple[SurfaceSamples, NDArray[np.float64]]:
+    """Rectangles of the six outer or inner faces, but for faces that no antenna looks at.
 
+    Args:
+        box: the box.
+        edge_m: longest edge of a rectangle.
+        antennas_m: all antennas, shape (A, 3).
+        inside: the inner faces, normals inwards; otherwise the outer ones, normals outwards.
 
-def inner_faces(box: Box) -> SurfaceMesh:
-    """The six inner faces, normals inwards: a way from one of them leaves through another wall."""
-    low, high = np.asarray(box.min_m) + box.thickness_m, np.asarray(box.max_m) - box.thickness_m
-    return _cuboid(low, high, _FACES[:, ::-1], "box (inside)")
-
-
-def _cuboid(
-    low: NDArray[np.float64], high: NDArray[np.float64], faces: NDArray[np.int64], name: str
-) -> SurfaceMesh:
-    return SurfaceMesh(low + _CORNERS * (high - low), faces, name, two_sided=False)
+    Returns:
+        The samples, and the edges of every rectangle along x, y and z, shape (3,): the edge along a wall's normal
+        has no meaning.
+    """
+    inset = box.thickness_m if inside else 0.0
+    low, high = np.asarray(box.min_m) + inset, np.asarray(box.max_m) - inset
+    counts = np.ceil((high - low) / edge_m).astype(np.int64)
+    edges = (high - low) / counts
+    ticks = [low[axis] + (np.arange(counts[axis]) + 0.5) * edges[axis] for axis in range(3)]
+    points, normals, areas = [np.empty((0, 3))], [np.empty((0, 3))], [np.empty(0)]
+    for axis in range(3):
+        first, second = (other for other in range(3) if other != axis)
+        for place, outwards in ((low[axis], -1.0), (high[axis], 1.0)):
+            normal = np.zeros(3)
+            normal[axis] = -outwards if inside else outwards
+            if not ((antennas_m[:, axis] - place) * normal[axis] > 0).any():
+                continue
+            face = np.empty((counts[first], counts[second], 3))
+            face[..., axis] = place
+            face[..., first], face[..., second] = np.meshgrid(ticks[first], ticks[second], indexing="ij")
+            points.append(face.reshape(-1, 3))
+            normals.append(np.tile(normal, (len(points[-1]), 1)))
+            areas.append(np.full(len(points[-1]), edges[first] * edges[second]))
+    area = np.concatenate(areas)
+    samples = SurfaceSamples(np.concatenate(points), np.concatenate(normals), area, np.zeros(len(area)))
+    return samples, edges

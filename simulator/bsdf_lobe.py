@@ -14,8 +14,9 @@ from waveformer.simulator.bsdf_parameters import BsdfParameters
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S
 from waveformer.simulator.reflection import Coefficients, coherent_loss, wall_coefficients
 
-# Beckmann's lobe beyond slope 1 is nearly diffuse, and its sampling loses accuracy.
-_MAX_SLOPE = 1.0
+# Nearly diffuse: 53 degrees off the mirror direction at 1/e. Wider slopes would send a good part of the power into the
+# surface, and single scattering would lose it.
+_MAX_SLOPE = 0.5
 
 
 class MirrorLobe:

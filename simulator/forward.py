@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 from waveformer.simulator.antenna import Antenna
 from waveformer.simulator.blas import single_blas_thread
+from waveformer.simulator.box_walls import wall_pieces
 from waveformer.simulator.echo_source import EchoSource
 from waveformer.simulator.errors import RadarError
 from waveformer.simulator.measurement import Measurement
 from waveformer.simulator.numerics import Numerics, resolve_numerics
 from waveformer.simulator.occluders import Box, Sheet
-from waveformer.simulator.placement import PlacedTarget, place_target, place_walls
+from waveformer.simulator.placement import PlacedTarget, check_box, place_target
 from waveformer.simulator.quadrature import face_chunks, faces_that_can_face, sample_surface
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Aperture, Chirp
 from waveformer.simulator.response_plan import constant_response, plan_response
@@ -30,6 +31,7 @@ from waveformer.simulator.target import as_targets, rotate
 BLOCK_POSITIONS = 16384
 
 Progress = Callable[[int, int], None]
+Accumulate = Callable[[NDArray[np.int64], NDArray[np.complex64]], None]
 
 
 def simulate(
@@ -93,7 +95,7 @@ class ForwardModel:
     """A scene that is ready to be summed, block of rows by block of rows.
 
     Attributes:
-        placed: targets and box walls in the radar frame.
+        placed: targets in the radar frame.
         scene: Mitsuba scene of the targets, which decides visibility.
         surroundings: antennas and occluders.
         chirp, aperture: the radar.
@@ -132,7 +134,7 @@ class ForwardModel:
 
         scene = build_scene([(item.vertices_m, item.mesh.faces) for item in placed])
         if box is not None:
-            placed += place_walls(box, chirp, aperture)
+            check_box(box, chirp, aperture)
         return cls(placed, scene, surroundings, chirp, aperture, numerics, tile_positions)
 
     def echo(self, rows: slice, progress: Progress | None = None) -> NDArray[np.complex64]:
@@ -142,7 +144,9 @@ class ForwardModel:
         h = np.zeros((len(aperture), self.chirp.num_samples), dtype=np.complex64)
         with single_blas_thread():
             for index, item in enumerate(self.placed):
-                self._add_echo(h, item, aperture, _share(progress, index, len(self.placed)))
+                self._add_target(h, item, aperture, _share(progress, index, len(self.placed)))
+            if self.surroundings.box is not None:
+                self._add_walls(h, self.surroundings.box, aperture)
             for sheet in self.surroundings.sheets:
                 if sheet.echo:
                     tolerance = self.numerics.tolerance
@@ -158,13 +162,10 @@ class ForwardModel:
             "numerics": self.numerics.model_dump(),
         }
 
-    def _add_echo(
+    def _add_target(
         self, h: NDArray[np.complex64], item: PlacedTarget, aperture: Aperture, progress: Progress | None
     ) -> None:
         """Add the echo of one target to h (n, T)."""
-        from waveformer.simulator.exact_echo import exact_echo
-        from waveformer.simulator.fast_echo import fast_echo
-
         keep = faces_that_can_face(
             item.vertices_m[item.mesh.faces],
             rotate(item.mesh.normals, item.pose),
@@ -184,13 +185,38 @@ class ForwardModel:
             samples = sample_surface(item.mesh, item.pose, spacing, chunk)
             source = EchoSource(samples, item.mesh.two_sided, item.closest_m, response)
             add = _accumulator(h, scale, _share(progress, index, len(chunks)))
-            kernel = exact_echo if self.numerics.direct else fast_echo
-            kernel(self.scene, source, self.chirp, aperture, self.numerics, self.tile_positions, add)
+            self._sum(source, aperture, add)
+
+    def _add_walls(self, h: NDArray[np.complex64], box: Box, aperture: Aperture) -> None:
+        """Add the echo of the box itself to h (n, T): its outer faces, and the inner ones through the other walls."""
+        antennas = np.concatenate([aperture.tx_m, aperture.receivers_m])
+        wavelength = SPEED_OF_LIGHT_M_PER_S / self.chirp.center_hz
+        closest_m = check_box(box, self.chirp, aperture)
+        for inside in (False, True):
+            samples, facet_m = wall_pieces(
+                box, self.numerics.facet_wavelengths * wavelength, antennas, inside=inside
+            )
+            if len(samples.points_m):
+                response = plan_response(
+                    box.material,
+                    self.surroundings,
+                    "leaving" if inside else "none",
+                    self.chirp,
+                    self.numerics.tolerance,
+                    facet_m,
+                )
+                add = _accumulator(h, np.complex64(1j / (4.0 * np.pi)), None)
+                self._sum(EchoSource(samples, False, closest_m, response), aperture, add)
+
+    def _sum(self, source: EchoSource, aperture: Aperture, add: Accumulate) -> None:
+        from waveformer.simulator.exact_echo import exact_echo
+        from waveformer.simulator.fast_echo import fast_echo
+
+        kernel = exact_echo if self.numerics.direct else fast_echo
+        kernel(self.scene, source, self.chirp, aperture, self.numerics, self.tile_positions, add)
 
 
-def _accumulator(
-    h: NDArray[np.complex64], scale: np.complex64, progress: Progress | None
-) -> Callable[[NDArray[np.int64], NDArray[np.complex64]], None]:
+def _accumulator(h: NDArray[np.complex64], scale: np.complex64, progress: Progress | None) -> Accumulate:
     """A function that adds scaled echoes to rows of h and reports how many are done."""
     done = np.zeros(len(h), dtype=bool)
 

@@ -12,6 +12,7 @@ class Numerics(BaseModel):
 
     Attributes:
         spacing_wavelengths: longest edge of a surface piece, in wavelengths at the centre frequency.
+        facet_wavelengths: longest edge of the rectangles into which flat box walls are cut.
         facet_taper: weigh every piece with the form factor of its own size, exp(-x/2) with
             x = (2 k sin theta)^2 times its variance: a centroid alone over-counts a piece that the
             phase crosses obliquely. It cuts the quadrature error two- to threefold at the same count.
@@ -26,6 +27,7 @@ class Numerics(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     spacing_wavelengths: float = Field(default=1.0 / 3.0, gt=0.0, le=0.75)
+    facet_wavelengths: float = Field(default=1.0, gt=0.0, le=1.5)
     facet_taper: bool = True
     direct: bool = False
     tolerance: float = Field(default=1e-3, gt=0.0, lt=0.1)
@@ -34,7 +36,7 @@ class Numerics(BaseModel):
 
 
 FAST = Numerics()
-EXACT = Numerics(spacing_wavelengths=0.25, direct=True, tolerance=1e-5)
+EXACT = Numerics(spacing_wavelengths=0.25, facet_wavelengths=0.5, direct=True, tolerance=1e-5)
 NUMERICS_BY_MODE = {"fast": FAST, "exact": EXACT}
 
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from waveformer.simulator.box_walls import inner_faces, outer_faces
 from waveformer.simulator.errors import MeshError, RadarError
 from waveformer.simulator.materials import Material
 from waveformer.simulator.mesh import SurfaceMesh, load_mesh
@@ -62,22 +60,20 @@ def place_target(target: Target, box: Box | None, chirp: Chirp, aperture: Apertu
         RadarError: it lies beyond the unambiguous range.
     """
     mesh = target.mesh if isinstance(target.mesh, SurfaceMesh) else load_mesh(target.mesh)
-    return _place(mesh, target.material, target.pose, _crossings(mesh, target.pose, box), chirp, aperture)
+    vertices = rotate(mesh.vertices_m, target.pose) + target.pose[:3, 3]
+    closest_m = _distance(mesh.name, vertices, chirp, aperture)
+    crossings = _crossings(mesh.name, vertices, box)
+    return PlacedTarget(mesh, target.material, target.pose, vertices, closest_m, crossings)
 
 
-def place_walls(box: Box, chirp: Chirp, aperture: Aperture) -> list[PlacedTarget]:
-    """The faces of a box as targets; raises as `place_target` does."""
-    faces: Sequence[tuple[SurfaceMesh, Crossings]] = (
-        (outer_faces(box), "none"),
-        (inner_faces(box), "leaving"),
-    )
-    return [_place(mesh, box.material, np.eye(4), crossings, chirp, aperture) for mesh, crossings in faces]
+def check_box(box: Box, chirp: Chirp, aperture: Aperture) -> float:
+    """Distance of the closest antenna to a box; raises as `place_target` does."""
+    return _distance("box", np.array([box.min_m, box.max_m]), chirp, aperture)
 
 
-def _crossings(mesh: SurfaceMesh, pose: NDArray[np.float64], box: Box | None) -> Crossings:
+def _crossings(name: str, vertices: NDArray[np.float64], box: Box | None) -> Crossings:
     if box is None:
         return "none"
-    vertices = rotate(mesh.vertices_m, pose) + pose[:3, 3]
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     inner_low, inner_high = np.asarray(box.min_m) + box.thickness_m, np.asarray(box.max_m) - box.thickness_m
     if (low >= inner_low).all() and (high <= inner_high).all():
@@ -86,20 +82,13 @@ def _crossings(mesh: SurfaceMesh, pose: NDArray[np.float64], box: Box | None) ->
         return "any"
     raise MeshError(
         "mesh.through_box",
-        f"{mesh.name}: {low.round(4).tolist()} .. {high.round(4).tolist()} m reaches through a wall of the box, whose "
+        f"{name}: {low.round(4).tolist()} .. {high.round(4).tolist()} m reaches through a wall of the box, whose "
         f"inside is {inner_low.round(4).tolist()} .. {inner_high.round(4).tolist()} m: use a larger box, or move it",
     )
 
 
-def _place(
-    mesh: SurfaceMesh,
-    material: Material,
-    pose: NDArray[np.float64],
-    crossings: Crossings,
-    chirp: Chirp,
-    aperture: Aperture,
-) -> PlacedTarget:
-    vertices = rotate(mesh.vertices_m, pose) + pose[:3, 3]
+def _distance(name: str, vertices: NDArray[np.float64], chirp: Chirp, aperture: Aperture) -> float:
+    """Lower bound of the distance between a bounding box and any antenna; refuses what cannot be simulated."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     antennas = aperture.tx_m if aperture.rx_m is None else np.concatenate([aperture.tx_m, aperture.rx_m])
     lowest = float(antennas[:, 2].min())
@@ -107,7 +96,7 @@ def _place(
         side = "touches or reaches through" if low[2] < lowest else "lies behind"
         raise MeshError(
             "mesh.at_aperture",
-            f"{mesh.name}: the mesh (z {low[2]:.3f} .. {high[2]:.3f} m) {side} the aperture at z = {lowest:.3f} m, "
+            f"{name}: it (z {low[2]:.3f} .. {high[2]:.3f} m) {side} the aperture at z = {lowest:.3f} m, "
             "which looks down: move it below (pose, or --place 0 0 -0.4)",
         )
     outside = np.maximum(0.0, np.maximum(low - antennas, antennas - high))
@@ -116,15 +105,15 @@ def _place(
     if closest < nearest_allowed:
         raise MeshError(
             "mesh.at_aperture",
-            f"{mesh.name}: {closest * 1e3:.1f} mm from an antenna is inside its reactive near field; "
+            f"{name}: {closest * 1e3:.1f} mm from an antenna is inside its reactive near field; "
             f"keep at least {nearest_allowed * 1e3:.0f} mm",
         )
     corners = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1).reshape(-1, 3)
     farthest = max(float(np.linalg.norm(antennas - corner, axis=1).max()) for corner in corners)
     if farthest > chirp.unambiguous_range_m:
         raise RadarError(
-            f"{mesh.name}: reaches {farthest:.2f} m from the radar, beyond the unambiguous range "
+            f"{name}: reaches {farthest:.2f} m from the radar, beyond the unambiguous range "
             f"{chirp.unambiguous_range_m:.2f} m of {chirp.num_samples} samples over {chirp.bandwidth_hz / 1e9:g} GHz: "
             "its echo would fold back; move it nearer or use more samples"
         )
-    return PlacedTarget(mesh, material, pose, vertices, closest, crossings)
+    return closest

@@ -160,6 +160,7 @@ def _response(
         response.material,
         response.surroundings,
         response.crossings,
+        response.facet_m,
         frequency_hz,
         points_m,
         normals,

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from waveformer.simulator.materials import Material
 from waveformer.simulator.occluders import Box
+from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S
 from waveformer.simulator.response_plan import Crossings, wall_reflection, wall_transmission
 from waveformer.simulator.slab import coherent_loss
 from waveformer.simulator.surroundings import Surroundings
@@ -18,6 +19,7 @@ def pair_response(
     material: Material,
     surroundings: Surroundings,
     crossings: Crossings,
+    facet_m: NDArray[np.float64] | None,
     frequency_hz: float,
     points_m: ArrayLike,
     normals: ArrayLike,
@@ -27,7 +29,7 @@ def pair_response(
     """W of pairs of sample and antennas.
 
     Args:
-        material, surroundings, crossings: see `response_plan.ResponsePlan`.
+        material, surroundings, crossings, facet_m: see `response_plan.ResponsePlan`.
         frequency_hz: one frequency.
         points_m, normals: samples (..., 3).
         tx_m, rx_m: antennas (..., 3) that broadcast with them.
@@ -50,6 +52,10 @@ def pair_response(
         for antenna, u, e in zip((tx, rx), directions, fields, strict=True)
     ]
     weight = weight * _dot(carried[0], carried[1]) / _dot(fields[0], fields[1])
+    if facet_m is not None:
+        across = (directions[0] + directions[1]) * (1.0 - np.abs(normals))
+        cycles = frequency_hz / SPEED_OF_LIGHT_M_PER_S * facet_m * across
+        weight = weight * np.sinc(cycles).prod(axis=-1)  # numpy's sinc is sin(pi x) / (pi x)
     for u in directions:
         weight = weight * surroundings.antenna.amplitude(u)
     return np.asarray(weight)
@@ -66,15 +72,16 @@ def field_behind(
 ) -> NDArray[np.complex128]:
     """The unit field of an antenna after all sheets and walls between it and the points, (..., 3)."""
     carried = field.astype(np.complex128)
+    distance = np.linalg.norm(antenna - points, axis=-1)
     for sheet in surroundings.sheets:
         normal = np.asarray(sheet.normal)
         sides = [_dot(place - np.asarray(sheet.point_m), normal) for place in (points, antenna)]
-        behind = _through(carried, direction, normal, sheet.material, frequency_hz)
+        behind = _through(carried, direction, distance, normal, sheet.material, frequency_hz)
         carried = np.where((sides[0] * sides[1] < 0)[..., None], behind, carried)
     if surroundings.box is None or crossings == "none":
         return carried
     for crosses, normal in _walls_met(surroundings.box, points, antenna, crossings):
-        behind = _through(carried, direction, normal, surroundings.box.material, frequency_hz)
+        behind = _through(carried, direction, distance, normal, surroundings.box.material, frequency_hz)
         carried = np.where(crosses[..., None], behind, carried)
     return carried
 
@@ -82,11 +89,12 @@ def field_behind(
 def _through(
     carried: NDArray[np.complex128],
     direction: NDArray[np.float64],
+    distance_m: NDArray[np.float64],
     normal: NDArray[np.float64],
     wall: Material,
     frequency_hz: float,
 ) -> NDArray[np.complex128]:
-    transmit = wall_transmission(wall, np.abs(_dot(direction, normal)), frequency_hz)
+    transmit = wall_transmission(wall, np.abs(_dot(direction, normal)), distance_m, frequency_hz)
     across = _unit(np.cross(direction, normal))
     along_s = _dot(carried, across)[..., None] * across
     return np.asarray(transmit.s[..., None] * along_s + transmit.p[..., None] * (carried - along_s))

@@ -4,7 +4,7 @@ The complex factor W of one pair of sample and antenna,
 
     h = (j / 4 pi) sum W V (cos_i + cos_r) / 2 dA / (R_tx R_rx) exp(-j k (R_tx + R_rx)),
 
-with W = Gamma of the surface, times the transmission of every sheet and wall that the two ways cross, times the
+with W = Gamma of the surface (times the form factor of a flat rectangular sample), times the transmission of every sheet and wall that the two ways cross, times the
 amplitude gains of both antennas. Its NumPy float64 twin is `reference_response`.
 """
 
@@ -17,9 +17,9 @@ import numpy as np
 from drjit.llvm.ad import Array3f, Complex2f, Float, UInt32
 
 from waveformer.simulator.device import to_device
-from waveformer.simulator.echo_terms import Leg
+from waveformer.simulator.echo_terms import Leg, phasor
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S
-from waveformer.simulator.reflection import coherent_loss, wall_coefficients
+from waveformer.simulator.reflection import coherent_loss, refraction_factor, wall_coefficients
 from waveformer.simulator.response_plan import ResponsePlan
 from waveformer.simulator.surroundings import Surroundings
 
@@ -54,6 +54,7 @@ class Response:
     def __init__(self, plan: ResponsePlan) -> None:
         material, surroundings = plan.material, plan.surroundings
         self._material, self._surroundings, self._crossings = material, surroundings, plan.crossings
+        self._facet = None if plan.facet_m is None else _constant(plan.facet_m)
         matters = [material, *(sheet.material for sheet in surroundings.sheets)]
         if surroundings.box is not None:
             matters.append(surroundings.box.material)
@@ -84,6 +85,8 @@ class Response:
         wavenumber = self._value(frequency, 0)
         fields = [_transverse(self._polarization, leg.direction) for leg in legs]
         weight = self._reflection(legs, fields, cosine, normal, wavenumber, frequency)
+        if self._facet is not None:
+            weight = weight * _form_factor(legs, normal, self._facet, wavenumber)
         if self._surroundings.occludes:
             weight = weight * self._transmission(point, legs, fields, wavenumber, frequency)
         gain = self._amplitude_gain(legs[0])
@@ -134,32 +137,17 @@ class Response:
         for index, sheet in enumerate(self._surroundings.sheets):
             normal = _constant(sheet.normal)
             height = dr.dot(point - _constant(sheet.point_m), normal)
-            along = dr.dot(leg.direction, normal)
-            crosses = height * (height + along / leg.inverse_m) < 0
-            wall = wall_coefficients(
-                self._permittivity(frequency, 1 + index),
-                dr.opaque(Float, sheet.thickness_m),
-                dr.abs(along),
-                wavenumber,
-            )
-            carried = _where(
-                crosses, carried.through(leg.direction, normal, wall.transmit_s, wall.transmit_p), carried
-            )
+            crosses = height * (height + dr.dot(leg.direction, normal) / leg.inverse_m) < 0
+            matter = (self._permittivity(frequency, 1 + index), dr.opaque(Float, sheet.thickness_m))
+            carried = _where(crosses, _behind(carried, leg, normal, *matter, wavenumber), carried)
         box = self._surroundings.box
         if box is None or self._crossings == "none":
             return carried
-        matter = 1 + len(self._surroundings.sheets)
+        last = 1 + len(self._surroundings.sheets)
+        matter = (self._permittivity(frequency, last), dr.opaque(Float, box.thickness_m))
         entry, leave = _box_crossings(point, leg, _constant(box.middle_min_m), _constant(box.middle_max_m))
         for crosses, normal in (leave,) if self._crossings == "leaving" else (entry, leave):
-            wall = wall_coefficients(
-                self._permittivity(frequency, matter),
-                dr.opaque(Float, box.thickness_m),
-                dr.abs(dr.dot(leg.direction, normal)),
-                wavenumber,
-            )
-            carried = _where(
-                crosses, carried.through(leg.direction, normal, wall.transmit_s, wall.transmit_p), carried
-            )
+            carried = _where(crosses, _behind(carried, leg, normal, *matter, wavenumber), carried)
         return carried
 
     def _amplitude_gain(self, leg: Leg) -> Any:
@@ -176,6 +164,28 @@ class Response:
             low, high = (dr.gather(Float, table, UInt32(below) + step) for step in (0, 1))
             amplitude = amplitude * (low + part * (high - low))
         return dr.select(towards.z > 0, amplitude, 0.0)
+
+
+def _behind(
+    carried: _Field, leg: Leg, normal: Any, permittivity: Any, thickness_m: Any, wavenumber: Any
+) -> _Field:
+    """The field behind one wall."""
+    cosine = dr.abs(dr.dot(leg.direction, normal))
+    wall = wall_coefficients(permittivity, thickness_m, cosine, wavenumber)
+    bent = refraction_factor(permittivity, thickness_m, cosine, leg.inverse_m, wavenumber)
+    return carried.through(leg.direction, normal, wall.transmit_s * bent, wall.transmit_p * bent)
+
+
+def _form_factor(legs: list[Leg], normal: Any, edges: Any, wavenumber: Any) -> Any:
+    """Mean of exp(j k (u_tx + u_rx) x) over a rectangle along the axes: a product of sin(x) / x."""
+    total = legs[0].direction + legs[-1].direction
+    factor = Float(1.0)
+    for axis in range(3):
+        half = 0.5 * wavenumber * edges[axis] * total[axis] * (1.0 - dr.abs(normal[axis]))
+        _, sine = phasor(half * (0.5 / np.pi))
+        small = dr.abs(half) < 1e-3
+        factor = factor * dr.select(small, 1.0, sine / dr.select(small, 1.0, half))
+    return factor
 
 
 def _box_crossings(point: Any, leg: Leg, low: Any, high: Any) -> tuple[tuple[Any, Any], tuple[Any, Any]]:

@@ -46,7 +46,7 @@ def sheet_echo(
     others = replace(surroundings, sheets=tuple(s for s in surroundings.sheets if s is not sheet))
     plan = plan_response(sheet.material, others, "any", chirp, tolerance)
     weights = [
-        pair_response(sheet.material, others, "any", float(f), mirror_point, normal, tx, rx)
+        pair_response(sheet.material, others, "any", None, float(f), mirror_point, normal, tx, rx)
         for f in plan.frequencies_hz
     ]
     response = np.stack(weights, axis=1) @ plan.to_samples

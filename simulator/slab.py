@@ -15,6 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S
 
+# Beyond about 73 degrees the expansion of `refraction_factor` in d / R fails: its value there is kept.
+SMALLEST_REFRACTION_COSINE = 0.3
+
 
 class Amplitudes(NamedTuple):
     """Complex amplitude coefficients of both polarisations."""
@@ -86,7 +89,7 @@ def refraction_factor(
 
         (1 - s sin / R - d / (2 R) (eps cos^2 / q^3 + 1 / q - 2 / cos)) exp(-j k s^2 cos^2 / (2 R))
 
-    Derived by saddle point and judged by `sheet_spectrum`; inner echoes are taken to shift as the wave itself.
+    The cosine is taken as at least `SMALLEST_REFRACTION_COSINE`. Derived by saddle point and judged by `sheet_spectrum`; inner echoes are taken to shift as the wave itself.
 
     Args:
         permittivity: relative, eps' - j eps''.
@@ -98,7 +101,7 @@ def refraction_factor(
     Returns:
         Complex factor on the one-way transmission, the same for both polarisations.
     """
-    eps, cos, inside = _inside(permittivity, cosine)
+    eps, cos, inside = _inside(permittivity, np.maximum(cosine, SMALLEST_REFRACTION_COSINE))
     depth = np.asarray(thickness_m) / np.asarray(distance_m)
     sine_squared = 1 - cos**2
     walk = 1 / cos - 1 / inside

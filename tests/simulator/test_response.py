@@ -24,7 +24,8 @@ CHIRP = Chirp(77.5001e9, 3.0009e9, 16)
 SLANTED = Sheet((0.0, 0.0, -0.15), (0.2, -0.3, 1.0), 0.004, 1.5 - 0.05j)
 LEVEL = Sheet((0.0, 0.0, -0.12), (0.0, 0.0, 1.0), 0.003, 2.6 - 0.02j)
 BOX = Box((-0.08, -0.07, -0.42), (0.08, 0.07, -0.2), 0.004, "cardboard")
-CASES: dict[str, tuple[Material, Surroundings, Crossings]] = {
+Case = tuple[Material, Surroundings, Crossings]
+CASES: dict[str, Case] = {
     "rough conductor": (Material.pec(roughness_m=3e-4), Surroundings(), "none"),
     "half space": (Material.dielectric(2.6 - 0.3j), Surroundings(polarization=(1.0, 0.3, 0.2)), "none"),
     "thin wall": (Material.dielectric(2.6 - 0.02j, thickness_m=0.003), Surroundings(), "none"),
@@ -36,7 +37,8 @@ CASES: dict[str, tuple[Material, Surroundings, Crossings]] = {
 
 
 def planned(name: str) -> ResponsePlan:
-    return plan_response(*CASES[name], CHIRP, 1e-3)
+    facet_m = np.array([0.004, 0.003, 0.002]) if name == "half space" else None
+    return plan_response(*CASES[name], CHIRP, 1e-3, facet_m)
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -71,7 +73,7 @@ def test_every_pair_equals_the_twin(rng: np.random.Generator, name: str, is_bist
         to_device_vectors(points), ways, cosine, to_device_vectors(normals), UInt32(frequency)
     ).numpy()
     twin = pair_response(
-        plan.material, plan.surroundings, plan.crossings, float(plan.frequencies_hz[frequency]),
+        plan.material, plan.surroundings, plan.crossings, plan.facet_m, float(plan.frequencies_hz[frequency]),
         points, normals, tx, rx,
     )  # fmt: skip
     # float32: walls of 12 mm are 30 rad thick there and back, cosines good to 1e-7; the pattern's table 1e-4
@@ -88,7 +90,7 @@ def test_between_its_frequencies_the_response_is_interpolated_to_the_tolerance(
     antenna = np.array([0.05, -0.1, 0.0])
 
     def at(frequency_hz: float) -> np.ndarray:
-        parts = (plan.material, plan.surroundings, plan.crossings)
+        parts = (plan.material, plan.surroundings, plan.crossings, plan.facet_m)
         return pair_response(*parts, frequency_hz, points, normals, antenna, antenna)
 
     nodes = np.stack([at(float(f)) for f in plan.frequencies_hz])
@@ -139,7 +141,7 @@ def test_with_no_thickness_of_matter_nothing_changes() -> None:
     points, normals = np.array([[0.01, 0.0, -0.3]]), np.array([[0.0, 0.0, 1.0]])
     antenna = np.array([0.05, 0.02, 0.0])
     values = [
-        pair_response(Material.pec(), s, "none", 78e9, points, normals, antenna, antenna)
+        pair_response(Material.pec(), s, "none", None, 78e9, points, normals, antenna, antenna)
         for s in (plain, empty)
     ]
     assert np.allclose(values[0], values[1], atol=1e-14)
