@@ -9,8 +9,10 @@ import importlib
 from typing import Any
 
 _PUBLIC = {
+    "Antenna": "antenna",
     "Aperture": "radar",
     "Chirp": "radar",
+    "FrontEnd": "front_end",
     "Grid": "grid",
     "Image": "image",
     "Box": "occluders",
@@ -24,14 +26,19 @@ _PUBLIC = {
     "WaveformerError": "errors",
     "backproject": "imaging",
     "load_mesh": "mesh",
+    "load_scene": "scene_file",
     "simulate": "forward",
     "simulate_points": "points",
+    "simulate_to_store": "forward_stream",
+    "with_receivers": "arrays",
 }
 
 __all__ = [
+    "Antenna",
     "Aperture",
     "Box",
     "Chirp",
+    "FrontEnd",
     "Grid",
     "Image",
     "Material",
@@ -44,8 +51,11 @@ __all__ = [
     "WaveformerError",
     "backproject",
     "load_mesh",
+    "load_scene",
     "simulate",
     "simulate_points",
+    "simulate_to_store",
+    "with_receivers",
 ]
 
 

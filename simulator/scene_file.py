@@ -40,6 +40,13 @@ class LoadedScene:
     box: Box | None
 
 
+def is_scene(targets: Any) -> bool:
+    """Whether the targets of `simulate` are a Mitsuba scene: a dictionary, or the path of an XML file."""
+    if isinstance(targets, dict):
+        return True
+    return isinstance(targets, (str, os.PathLike)) and Path(targets).suffix.lower() == ".xml"
+
+
 def load_scene(scene: dict[str, Any] | str | os.PathLike[str]) -> LoadedScene:
     """Read a Mitsuba scene.
 
