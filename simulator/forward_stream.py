@@ -8,6 +8,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import pickle
+import threading
 from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -110,8 +111,17 @@ def _computed(
 def _begin(arguments: bytes) -> None:
     """In a worker: one thread, and the scene."""
     global _model
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     os.environ[THREADS_VARIABLE] = "1"
     _model = pickle.loads(arguments).traced()  # made by the parent process
+
+
+def _end_with_parent() -> None:
+    """A parent killed outright cannot stop its workers."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
 
 
 def _reference_power() -> float | None:
