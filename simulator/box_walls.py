@@ -1,8 +1,8 @@
 """The walls of a box as reflecting surfaces, cut into flat rectangles.
 
 A wall is flat, so pieces a wavelength wide are enough where each is weighed with the exact form factor of its
-rectangle (`response`): the phase over it is linear to 0.02 rad from 0.3 m on. Triangles of a third of a
-wavelength would be thirty times as many.
+rectangle and the mean curvature of the wavefront on it (`response`). Triangles of a third of a wavelength would be
+thirty times as many.
 """
 
 from __future__ import annotations

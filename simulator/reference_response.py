@@ -56,6 +56,12 @@ def pair_response(
         across = (directions[0] + directions[1]) * (1.0 - np.abs(normals))
         cycles = frequency_hz / SPEED_OF_LIGHT_M_PER_S * facet_m * across
         weight = weight * np.sinc(cycles).prod(axis=-1)  # numpy's sinc is sin(pi x) / (pi x)
+        edge_squared = (facet_m * (1.0 - np.abs(normals))) ** 2
+        for antenna, u in zip((tx, rx), directions, strict=True):
+            sagitta = (
+                (edge_squared * (1.0 - u**2)).sum(axis=-1) / np.linalg.norm(antenna - points, axis=-1) / 24.0
+            )
+            weight = weight * np.exp(-2j * np.pi * frequency_hz / SPEED_OF_LIGHT_M_PER_S * sagitta)
     for u in directions:
         weight = weight * surroundings.antenna.amplitude(u)
     return np.asarray(weight)

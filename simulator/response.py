@@ -177,15 +177,24 @@ def _behind(
 
 
 def _form_factor(legs: list[Leg], normal: Any, edges: Any, wavenumber: Any) -> Any:
-    """Mean of exp(j k (u_tx + u_rx) x) over a rectangle along the axes: a product of sin(x) / x."""
-    total = legs[0].direction + legs[-1].direction
-    factor = Float(1.0)
+    """Mean phase factor of a rectangle along the axes.
+
+    A product of sin(x) / x for the part that is linear over it, and the mean of the curvature,
+    k x^2 (1 - u^2) / 2R on each way.
+    """
+    both = (legs[0], legs[-1])
+    factor, sagitta = Float(1.0), Float(0.0)
     for axis in range(3):
-        half = 0.5 * wavenumber * edges[axis] * total[axis] * (1.0 - dr.abs(normal[axis]))
+        edge = edges[axis] * (1.0 - dr.abs(normal[axis]))
+        half = 0.5 * wavenumber * edge * (both[0].direction[axis] + both[1].direction[axis])
         _, sine = phasor(half * (0.5 / np.pi))
         small = dr.abs(half) < 1e-3
         factor = factor * dr.select(small, 1.0, sine / dr.select(small, 1.0, half))
-    return factor
+        for way in both:
+            along = way.direction[axis]
+            sagitta = sagitta + edge * edge * (1.0 - along * along) * way.inverse_m / 24.0
+    real, imaginary = phasor(wavenumber * sagitta * (-0.5 / np.pi))
+    return Complex2f(factor * real, factor * imaginary)
 
 
 def _box_crossings(point: Any, leg: Leg, low: Any, high: Any) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
