@@ -79,11 +79,17 @@ class Trial:
         """A generator of its own for each check, so that leaving one out does not change another."""
         return np.random.default_rng([self.seed, zlib.crc32(name.encode())])
 
-    def simulate(self, targets: Any, chirp: Chirp, aperture: Aperture) -> ComplexArray:
-        """The public simulator with its defaults and this trial's mode; (N, T) in double precision."""
+    def simulate(self, targets: Any, chirp: Chirp, aperture: Aperture, **scene: Any) -> ComplexArray:
+        """The public simulator with its defaults and this trial's mode; (N, T) in double precision.
+
+        Args:
+            targets, chirp, aperture: as for `simulate`.
+            **scene: its sheets, box, antenna, polarization, front_end, seed.
+        """
         from waveformer.simulator import forward
 
-        return np.asarray(forward.simulate(targets, chirp, aperture, mode=self.mode).h, dtype=complex)
+        measurement = forward.simulate(targets, chirp, aperture, mode=self.mode, **scene)
+        return np.asarray(measurement.h, dtype=complex)
 
 
 def level_db(ratio: ComplexArray) -> FloatArray:
