@@ -74,6 +74,13 @@ def leg(antenna: Any, antenna_range_m: Any, point: Any, normal: Any) -> Leg:
     return Leg(difference * dr.rcp(range_m + antenna_range_m), inverse, dr.dot(normal, direction), direction)
 
 
+def straight_leg(antenna: Any, point: Any) -> Leg:
+    """Direction and length only, of a way between an antenna and a point of the same frame (Array3f)."""
+    way = antenna - point
+    inverse = dr.rsqrt(dr.squared_norm(way))
+    return Leg(None, inverse, None, way * inverse)
+
+
 def echo(transmit: Leg, receive: Leg | None, area: Any, taper: Any, two_sided: bool) -> tuple[Any, Any, Any]:
     """Amplitude, one-way range difference and local angle of a sample.
 

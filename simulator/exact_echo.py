@@ -64,7 +64,12 @@ def exact_echo(
         amplitude, excess, cosine = echo(legs[0], back, area, taper, two_sided)
         if response is None:
             return amplitude, excess, None
-        return amplitude, excess, lambda entry: response(middle + point, legs, cosine, normal, entry)
+
+        def weight(entry: Any) -> Any:
+            path = response.path(middle + point, legs, entry)
+            return response.surface(legs, cosine, normal, entry) * path
+
+        return amplitude, excess, weight
 
     rows_per_group = max(1, _MAX_PAIRS // len(samples.points_m))
     if tile_positions is not None:

@@ -197,7 +197,11 @@ class ForwardModel:
         response = None
         if constant is None:
             tolerance = self.numerics.tolerance
-            response = plan_response(item.material, self.surroundings, item.crossings, self.chirp, tolerance)
+            bounds_m = np.array([item.vertices_m.min(axis=0), item.vertices_m.max(axis=0)])
+            antennas_m = np.concatenate([aperture.tx_m, aperture.receivers_m])
+            response = plan_response(
+                item.material, self.surroundings, item.crossings, self.chirp, tolerance, bounds_m, antennas_m
+            )
         scale = np.complex64(1j / (4.0 * np.pi) * (1.0 if constant is None else constant))
         for index, chunk in enumerate(chunks):
             samples = sample_surface(item.mesh, item.pose, spacing, chunk)
@@ -221,6 +225,8 @@ class ForwardModel:
                     "leaving" if inside else "none",
                     self.chirp,
                     self.numerics.tolerance,
+                    np.array([box.min_m, box.max_m]),
+                    antennas,
                     facet_m,
                 )
                 add = _accumulator(h, np.complex64(1j / (4.0 * np.pi)), None)

@@ -79,6 +79,10 @@ def cell_moments(
     receive = None if lanes.receivers is None else dr.gather(Array3f, lanes.receivers, lanes.node) - center
     receive_range = None if receive is None else dr.norm(receive)
     first, last = dr.gather(UInt32, lanes.first, lanes.cell), dr.gather(UInt32, lanes.last, lanes.cell)
+    path = None
+    if response is not None:
+        antennas = [transmit] if receive is None else [transmit, receive]
+        path = response.path_of_cells(center, [antenna + center for antenna in antennas], lanes.frequency)
     turns_per_metre = dr.opaque(Float, -2.0 / ranges.wavelength_m)
     inverse_scale = dr.opaque(Float, 1.0 / ranges.moment_scale_m)
 
@@ -90,15 +94,16 @@ def cell_moments(
         back = None if receive is None else leg(receive, receive_range, point, normal)
         out = leg(transmit, transmit_range, point, normal)
         amplitude, excess, cosine = echo(out, back, tail.z, tail.w, two_sided)
-        real, imaginary = phasor(excess * turns_per_metre)
+        turns = excess * turns_per_metre
+        if path is not None:
+            turns = turns + dr.dot(path.gradient_imaginary, point) * (0.5 / np.pi)
+            growth = dr.dot(path.gradient_real, point)
+            amplitude = amplitude * (1.0 + growth + 0.5 * growth * growth)
+        real, imaginary = phasor(turns)
         real, imaginary = real * amplitude, imaginary * amplitude
         if response is not None:
             legs = [out] if back is None else [out, back]
-            weight = response(center + point, legs, cosine, normal, lanes.frequency)
-            real, imaginary = (
-                real * weight.real - imaginary * weight.imag,
-                real * weight.imag + imaginary * weight.real,
-            )
+            real, imaginary = _times(real, imaginary, response.surface(legs, cosine, normal, lanes.frequency))
         power = excess * inverse_scale
         updated: list[Any] = [index + 1]
         for moment in range(NUM_MOMENTS):
@@ -110,8 +115,12 @@ def cell_moments(
     state = dr.while_loop(
         state=(UInt32(first), *zeros), cond=lambda index, *_: index < last, body=body, label="cell_moments"
     )
-    dr.eval(state)  # all sums in one launch
-    return list(state[1:])
+    sums = list(state[1:])
+    if path is not None:
+        for i in range(NUM_MOMENTS):
+            sums[2 * i : 2 * i + 2] = _times(sums[2 * i], sums[2 * i + 1], path.value)
+    dr.eval(sums)  # all sums in one launch
+    return sums
 
 
 class Antennas:
@@ -219,14 +228,17 @@ def deposit_samples(
     real, imaginary = real * amplitude, imaginary * amplitude
     if response is not None:
         reference = Array3f(*(dr.opaque(Float, float(value)) for value in ranges.center_m))
-        weight = response(reference + point, legs, cosine, normal, dr.opaque(UInt32, frequency))
-        real, imaginary = (
-            real * weight.real - imaginary * weight.imag,
-            real * weight.imag + imaginary * weight.real,
-        )
+        entry = dr.opaque(UInt32, frequency)
+        real, imaginary = _times(real, imaginary, response.surface(legs, cosine, normal, entry))
+        real, imaginary = _times(real, imaginary, response.path(reference + point, legs, entry))
     packet = Array4f(real, imaginary, real * offset, imaginary * offset)
     index = row * dr.opaque(UInt32, ranges.count) + bin_index
     dr.scatter_reduce(dr.ReduceOp.Add, bins, packet, 2 * index, amplitude != 0)
+
+
+def _times(real: Any, imaginary: Any, factor: Any) -> tuple[Any, Any]:
+    """Real and imaginary part of a product."""
+    return real * factor.real - imaginary * factor.imag, real * factor.imag + imaginary * factor.real
 
 
 def range_excess(difference: Any, square: Any, range_m: Any) -> Any:

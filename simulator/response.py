@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 
 import drjit as dr
 import numpy as np
-from drjit.llvm.ad import Array3f, Complex2f, Float, UInt32
+from drjit.llvm.ad import Array3f, Array4f, Complex2f, Float, UInt32
 
 from waveformer.simulator.device import to_device
-from waveformer.simulator.echo_terms import Leg, phasor
+from waveformer.simulator.echo_terms import Leg, phasor, straight_leg
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S
 from waveformer.simulator.reflection import coherent_loss, refraction_factor, wall_coefficients
 from waveformer.simulator.response_plan import ResponsePlan
@@ -25,6 +25,10 @@ from waveformer.simulator.surroundings import Surroundings
 
 # Entries of an antenna's table over sin(angle): a step of 0.1 degrees at broadside.
 _GAIN_ENTRIES = 1025
+# Entries of a material's table over the cosine: a wall of 10 mm turns by 0.02 rad between two, linear to 4e-5.
+_REFLECTION_ENTRIES = 2049
+# Central differences of the path factor: the centre and both sides along each axis.
+_STENCIL, _STEP_M = 7, 2e-3
 
 
 class _Field(NamedTuple):
@@ -44,8 +48,21 @@ class _Field(NamedTuple):
         )
 
 
+class Path(NamedTuple):
+    """What all samples of a cell share on their ways, T(x) = value exp(gradient (x - centre)).
+
+    Attributes:
+        value: complex factor at the centre.
+        gradient_real, gradient_imaginary: of its logarithm, per metre.
+    """
+
+    value: Any
+    gradient_real: Any
+    gradient_imaginary: Any
+
+
 class Response:
-    """W of one target, on the device.
+    """W of one target, on the device: a factor of the surface times a factor of the ways.
 
     Args:
         plan: what it consists of and where it is evaluated.
@@ -55,25 +72,25 @@ class Response:
         material, surroundings = plan.material, plan.surroundings
         self._material, self._surroundings, self._crossings = material, surroundings, plan.crossings
         self._facet = None if plan.facet_m is None else _constant(plan.facet_m)
-        matters = [material, *(sheet.material for sheet in surroundings.sheets)]
+        walls = [sheet.material for sheet in surroundings.sheets]
         if surroundings.box is not None:
-            matters.append(surroundings.box.material)
+            walls.append(surroundings.box.material)
         rows = []
         for frequency in plan.frequencies_hz:
-            values = [1.0 if m.permittivity is None else m.permittivity.at(frequency) for m in matters]
-            parts = [part for value in values for part in (complex(value).real, complex(value).imag)]
+            values = [wall.permittivity.at(frequency) for wall in walls if wall.permittivity is not None]
+            parts = [part for value in values for part in (value.real, value.imag)]
             rows.append([2.0 * np.pi * frequency / SPEED_OF_LIGHT_M_PER_S, *parts])
         self._table, self._stride = to_device(np.array(rows)), len(rows[0])
+        self._reflections = None if material.is_conductor else _reflection_table(plan)
         self._polarization = _constant(surroundings.polarization)
         self._gain = None if surroundings.antenna.is_isotropic else _gain_tables(surroundings)
         broadside = surroundings.antenna.amplitude(np.array([0.0, 0.0, 1.0]))
         self._broadside = dr.opaque(Float, float(broadside))
 
-    def __call__(self, point: Any, legs: list[Leg], cosine: Any, normal: Any, frequency: UInt32) -> Any:
-        """W for lanes.
+    def surface(self, legs: list[Leg], cosine: Any, normal: Any, frequency: UInt32) -> Any:
+        """Gamma at the local angle, with the form factor of flat rectangular samples.
 
         Args:
-            point: sample in the radar frame (Array3f).
             legs: the way of the transmitter, and of the receiver unless monostatic.
             cosine: of the local angle of incidence.
             normal: of the sample (Array3f).
@@ -83,39 +100,102 @@ class Response:
             Complex2f.
         """
         wavenumber = self._value(frequency, 0)
-        fields = [_transverse(self._polarization, leg.direction) for leg in legs]
-        weight = self._reflection(legs, fields, cosine, normal, wavenumber, frequency)
+        weight = self._reflection(legs, cosine, normal, wavenumber, frequency)
         if self._facet is not None:
             weight = weight * _form_factor(legs, normal, self._facet, wavenumber)
-        if self._surroundings.occludes:
-            weight = weight * self._transmission(point, legs, fields, wavenumber, frequency)
+        return weight
+
+    def path(self, point: Any, legs: list[Leg], frequency: UInt32) -> Any:
+        """Transmission of all that both ways cross, and the gains of both antennas.
+
+        Args:
+            point: sample in the radar frame (Array3f).
+            legs, frequency: as in `surface`.
+
+        Returns:
+            Complex2f.
+        """
         gain = self._amplitude_gain(legs[0])
-        return weight * (gain * (gain if len(legs) == 1 else self._amplitude_gain(legs[1])))
+        weight = Complex2f(gain * (gain if len(legs) == 1 else self._amplitude_gain(legs[1])), 0.0)
+        if self._surroundings.occludes:
+            fields = [_transverse(self._polarization, leg.direction) for leg in legs]
+            wavenumber = self._value(frequency, 0)
+            weight = weight * self._transmission(point, legs, fields, wavenumber, frequency)
+        return weight
+
+    def path_of_cells(self, center: Any, antennas: list[Any], frequency: UInt32) -> Path | None:
+        """The path factor around the centres of cells, by central differences, one cell a lane.
+
+        Over a cell it is linear in the logarithm to 1e-3 and better, and a cell whose samples differ in the walls
+        they cross is not summed as one.
+
+        Args:
+            center: of the cell (Array3f).
+            antennas: transmitter, and receiver unless monostatic (Array3f).
+            frequency: entry of the plan's frequencies.
+
+        Returns:
+            None if the factor is the same everywhere.
+        """
+        if self._gain is None and not self._surroundings.occludes:
+            return None
+        lanes = dr.width(center)
+        lane = dr.arange(UInt32, _STENCIL * lanes)
+        cell = lane // _STENCIL
+        probe = lane - cell * _STENCIL
+        offsets = to_device(
+            np.concatenate([np.zeros((1, 3)), _STEP_M * np.eye(3), -_STEP_M * np.eye(3)]).ravel()
+        )
+        point = dr.gather(Array3f, center, cell) + dr.gather(Array3f, offsets, probe)
+        legs = [straight_leg(dr.gather(Array3f, antenna, cell), point) for antenna in antennas]
+        factor = self.path(point, legs, dr.gather(UInt32, frequency, cell))
+        real, imaginary = factor.real, factor.imag
+        dr.eval(real, imaginary)
+        own = dr.arange(UInt32, lanes) * _STENCIL
+        value, *around = (
+            Complex2f(dr.gather(Float, real, own + i), dr.gather(Float, imaginary, own + i))
+            for i in range(_STENCIL)
+        )
+        exists = dr.squared_norm(value) > 0
+        inverse = dr.select(
+            exists, dr.rcp(dr.select(exists, value, Complex2f(1.0, 0.0))), Complex2f(0.0, 0.0)
+        )
+        slopes = [(around[i] - around[3 + i]) * inverse * (0.5 / _STEP_M) for i in range(3)]
+        path = Path(
+            value, Array3f(*(slope.real for slope in slopes)), Array3f(*(slope.imag for slope in slopes))
+        )
+        dr.eval(path.value, path.gradient_real, path.gradient_imaginary)
+        return path
 
     def _value(self, frequency: UInt32, entry: int) -> Float:
         return dr.gather(Float, self._table, frequency * self._stride + entry)
 
-    def _permittivity(self, frequency: UInt32, matter: int) -> Any:
-        return Complex2f(self._value(frequency, 1 + 2 * matter), self._value(frequency, 2 + 2 * matter))
+    def _permittivity(self, frequency: UInt32, wall: int) -> Any:
+        return Complex2f(self._value(frequency, 1 + 2 * wall), self._value(frequency, 2 + 2 * wall))
 
     def _reflection(
-        self, legs: list[Leg], fields: list[Any], cosine: Any, normal: Any, wavenumber: Any, frequency: UInt32
+        self, legs: list[Leg], cosine: Any, normal: Any, wavenumber: Any, frequency: UInt32
     ) -> Any:
-        """Gamma at the local angle: s and p by how the fields lie, with the coherent loss of a rough surface."""
+        """Gamma: s and p by how the fields lie, with the coherent loss of a rough surface."""
         material = self._material
         loss: Any = -1.0 if material.is_conductor else 1.0
         if material.roughness_m > 0:
             loss = loss * coherent_loss(dr.opaque(Float, material.roughness_m), cosine, wavenumber)
-        if material.is_conductor:
+        if self._reflections is None:
             return Complex2f(loss, 0.0)
-        thickness = None if material.thickness_m is None else dr.opaque(Float, material.thickness_m)
-        wall = wall_coefficients(self._permittivity(frequency, 0), thickness, cosine, wavenumber)
         shares = []
-        for way, field in zip(legs, fields, strict=True):
+        for way in legs:
+            field = _transverse(self._polarization, way.direction)
             part = dr.dot(field, _unit_or_zero(dr.cross(way.direction, normal)))
             shares.append(part * part)
         share_s = shares[0] if len(shares) == 1 else 0.5 * (shares[0] + shares[1])
-        return (wall.reflect_p + (wall.reflect_s - wall.reflect_p) * share_s) * loss
+        place = dr.select(cosine < 1.0, cosine, 1.0) * (_REFLECTION_ENTRIES - 1)
+        below = dr.floor(dr.select(place < _REFLECTION_ENTRIES - 1.001, place, _REFLECTION_ENTRIES - 1.001))
+        row = frequency * _REFLECTION_ENTRIES + UInt32(below)
+        low, high = (dr.gather(Array4f, self._reflections, row + step) for step in (0, 1))
+        both = low + (high - low) * (place - below)
+        real, imaginary = both.z + (both.x - both.z) * share_s, both.w + (both.y - both.w) * share_s
+        return Complex2f(real * loss, imaginary * loss)
 
     def _transmission(
         self, point: Any, legs: list[Leg], fields: list[Any], wavenumber: Any, frequency: UInt32
@@ -138,12 +218,12 @@ class Response:
             normal = _constant(sheet.normal)
             height = dr.dot(point - _constant(sheet.point_m), normal)
             crosses = height * (height + dr.dot(leg.direction, normal) / leg.inverse_m) < 0
-            matter = (self._permittivity(frequency, 1 + index), dr.opaque(Float, sheet.thickness_m))
+            matter = (self._permittivity(frequency, index), dr.opaque(Float, sheet.thickness_m))
             carried = _where(crosses, _behind(carried, leg, normal, *matter, wavenumber), carried)
         box = self._surroundings.box
         if box is None or self._crossings == "none":
             return carried
-        last = 1 + len(self._surroundings.sheets)
+        last = len(self._surroundings.sheets)
         matter = (self._permittivity(frequency, last), dr.opaque(Float, box.thickness_m))
         entry, leave = _box_crossings(point, leg, _constant(box.middle_min_m), _constant(box.middle_max_m))
         for crosses, normal in (leave,) if self._crossings == "leaving" else (entry, leave):
@@ -241,6 +321,23 @@ def _unit_or_zero(vector: Any) -> Any:
 
 def _constant(vector: Any) -> Any:
     return Array3f(*(dr.opaque(Float, float(value)) for value in vector))
+
+
+def _reflection_table(plan: ResponsePlan) -> Float:
+    """Gamma_s and Gamma_p over the cosine, a block of entries a frequency: real and imaginary parts in turn."""
+    material = plan.material
+    assert material.permittivity is not None
+    cosine = to_device(np.linspace(0.0, 1.0, _REFLECTION_ENTRIES))
+    thickness = None if material.thickness_m is None else dr.opaque(Float, material.thickness_m)
+    blocks = []
+    for frequency in plan.frequencies_hz:
+        value = material.permittivity.at(frequency)
+        permittivity = Complex2f(dr.opaque(Float, value.real), dr.opaque(Float, value.imag))
+        wavenumber = dr.opaque(Float, 2.0 * np.pi * float(frequency) / SPEED_OF_LIGHT_M_PER_S)
+        wall = wall_coefficients(permittivity, thickness, cosine, wavenumber)
+        sides = [side.numpy() for side in (wall.reflect_s, wall.reflect_p)]
+        blocks.append(np.stack([part for side in sides for part in (side.real, side.imag)], axis=1))
+    return to_device(np.concatenate(blocks))
 
 
 def _gain_tables(surroundings: Surroundings) -> list[Float]:

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from waveformer.simulator.box_crossings import bounding_corners, leaving_changes, leaving_wall
 from waveformer.simulator.errors import RadarError
 from waveformer.simulator.interpolation import chebyshev_points, lagrange_weights
 from waveformer.simulator.materials import Material
@@ -27,8 +28,9 @@ Crossings = Literal["none", "leaving", "any"]
 
 _MAX_FREQUENCIES = 24
 _BAND_PROBES = 49
-# Angles of incidence on which the smoothness of W is judged.
-_PROBE_DEG = np.arange(0.0, 75.1, 2.5)
+# Angles at which the smoothness of W is judged, and the largest: beyond it a way hardly carries anything.
+_ANGLE_PROBES = 31
+_STEEPEST_RAD = np.radians(85.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,33 +74,77 @@ def plan_response(
     crossings: Crossings,
     chirp: Chirp,
     tolerance: float,
+    bounds_m: NDArray[np.float64],
+    antennas_m: NDArray[np.float64],
     facet_m: NDArray[np.float64] | None = None,
 ) -> ResponsePlan:
-    """The fewest Chebyshev frequencies that interpolate W over the band to the tolerance, relative to its maximum."""
+    """The fewest Chebyshev frequencies that interpolate W over the band.
+
+    Judged over the angles that occur: of the ways through each wall from the bounding boxes of target and antennas,
+    and of incidence on the target over all angles, weighed with the cosine as the echo is.
+
+    Args:
+        material, surroundings, crossings, facet_m: see `ResponsePlan`.
+        chirp: T samples.
+        tolerance: largest error of the interpolation over the largest W.
+        bounds_m: corners of the target's bounding box, shape (2, 3).
+        antennas_m: antennas, shape (A, 3).
+    """
     half_band = 0.5 * float(chirp.frequencies_hz[-1] - chirp.frequencies_hz[0])
+    widest = _widest_angles(surroundings, crossings, bounds_m, antennas_m)
+
+    def factor(unit: NDArray[np.float64]) -> NDArray[np.complex128]:
+        return _factor(material, surroundings, crossings, facet_m, widest, chirp.center_hz + half_band * unit)
+
     unit_probes = np.linspace(-1.0, 1.0, _BAND_PROBES)
-    at_probes = _factor(material, surroundings, crossings, facet_m, chirp.center_hz + half_band * unit_probes)
+    at_probes = factor(unit_probes)
     largest = np.abs(at_probes).max()
     for count in range(1, _MAX_FREQUENCIES + 1):
         unit = chebyshev_points(count)
-        at_nodes = _factor(material, surroundings, crossings, facet_m, chirp.center_hz + half_band * unit)
-        error = np.abs(np.tensordot(lagrange_weights(unit, unit_probes), at_nodes, axes=1) - at_probes)
+        error = np.abs(np.tensordot(lagrange_weights(unit, unit_probes), factor(unit), axes=1) - at_probes)
         if error.max() <= tolerance * largest:
             break
     samples = (chirp.frequencies_hz - chirp.center_hz) / half_band
-    phase = np.unwrap(np.angle(at_probes), axis=1)
-    slope = np.abs(np.diff(phase, axis=1)).max() / np.radians(_PROBE_DEG[1] - _PROBE_DEG[0])
+    # of W itself, not of its phase, which jumps where W passes through zero
+    change = np.abs(np.diff(at_probes, axis=1)).max() / (np.pi / 2 / (_ANGLE_PROBES - 1))
+    slope = float(change / largest) if largest > 0 else 0.0
     if facet_m is not None:  # the form factor turns by its half width, for both ways
-        slope += 2.0 * np.pi * chirp.center_hz / SPEED_OF_LIGHT_M_PER_S * np.linalg.norm(facet_m)
+        slope += 2.0 * np.pi * chirp.center_hz / SPEED_OF_LIGHT_M_PER_S * float(np.linalg.norm(facet_m))
     return ResponsePlan(
         material,
         surroundings,
         crossings,
         chirp.center_hz + half_band * unit,
         lagrange_weights(unit, samples).T,
-        float(slope),
+        slope,
         facet_m,
     )
+
+
+def _widest_angles(
+    surroundings: Surroundings,
+    crossings: Crossings,
+    bounds_m: NDArray[np.float64],
+    antennas_m: NDArray[np.float64],
+) -> list[float]:
+    """Largest angle between a way and the normal of each sheet, then of the box's walls if any is crossed."""
+    targets, antennas = bounding_corners(bounds_m), bounding_corners(antennas_m)
+    ways = (antennas[:, None] - targets).reshape(-1, 3)
+    ways /= np.linalg.norm(ways, axis=1)[:, None]
+    normals = [np.asarray(sheet.normal) for sheet in surroundings.sheets]
+    box = surroundings.box
+    if box is None or crossings == "none":
+        return [_widest(ways @ normal) for normal in normals]
+    if crossings == "leaving" and not leaving_changes(box, targets, 0.0, antennas).any():
+        # the box is convex: if all corners leave by the same wall, all ways do
+        axes = np.unique(leaving_wall(box, targets, antennas[0])[0] // 2)
+        if len(axes) == 1:
+            return [_widest(ways @ normal) for normal in [*normals, np.eye(3)[axes[0]]]]
+    return [*(_widest(ways @ normal) for normal in normals), _STEEPEST_RAD]
+
+
+def _widest(cosines: NDArray[np.float64]) -> float:
+    return float(min(_STEEPEST_RAD, np.arccos(np.abs(cosines).clip(0.0, 1.0)).max()))
 
 
 def _factor(
@@ -106,22 +152,27 @@ def _factor(
     surroundings: Surroundings,
     crossings: Crossings,
     facet_m: NDArray[np.float64] | None,
+    widest_rad: list[float],
     frequencies_hz: NDArray[np.float64],
 ) -> NDArray[np.complex128]:
-    """Gamma, form factor and all two-way transmissions at one common angle, (F, angles, 2) for s and p."""
-    cosine = np.cos(np.radians(_PROBE_DEG))
+    """W cos over the band, (F, angles, 2) for s and p: all angles go from zero to their largest together."""
+    steps = np.linspace(0.0, 1.0, _ANGLE_PROBES)
+    cosine = np.cos(steps * _STEEPEST_RAD)
     total = np.ones((len(frequencies_hz), len(cosine), 2), dtype=np.complex128)
     walls = [sheet.material for sheet in surroundings.sheets]
     if surroundings.box is not None and crossings != "none":
-        walls += [surroundings.box.material] * (1 if crossings == "leaving" else 2)
+        walls.append(surroundings.box.material)
     for row, frequency in enumerate(frequencies_hz):
-        total[row] *= coherent_loss(material.roughness_m, cosine, frequency)[:, None]
+        total[row] *= (cosine * coherent_loss(material.roughness_m, cosine, frequency))[:, None]
         if facet_m is not None:
             cycles = 2.0 * frequency / SPEED_OF_LIGHT_M_PER_S * facet_m.max() * np.sqrt(1.0 - cosine**2)
             total[row] *= np.sinc(cycles)[:, None]
         total[row] *= np.stack(wall_reflection(material, cosine, float(frequency)), axis=-1)
-        for wall in walls:
-            total[row] *= np.stack(wall_transmission(wall, cosine, None, float(frequency)), axis=-1) ** 2
+        for wall, widest in zip(walls, widest_rad, strict=True):
+            through = wall_transmission(wall, np.cos(steps * widest), None, float(frequency))
+            total[row] *= np.stack(through, axis=-1) ** 2
+        if crossings == "any" and surroundings.box is not None:
+            total[row] *= np.stack(through, axis=-1) ** 2
     return total
 
 

@@ -38,12 +38,16 @@ CASES: dict[str, Case] = {
 
 def planned(name: str) -> ResponsePlan:
     facet_m = np.array([0.004, 0.003, 0.002]) if name == "half space" else None
-    return plan_response(*CASES[name], CHIRP, 1e-3, facet_m)
+    below = -0.25 if CASES[name][2] == "any" else 0.0
+    bounds_m = np.array([[-0.07, -0.06, -0.41 + below], [0.07, 0.06, -0.21 + below]])
+    antennas_m = np.array([[-0.22, -0.22, 0.0], [0.22, 0.22, 0.0]])
+    return plan_response(*CASES[name], CHIRP, 1e-3, bounds_m, antennas_m, facet_m)
 
 
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("is_bistatic", [False, True])
 def test_every_pair_equals_the_twin(rng: np.random.Generator, name: str, is_bistatic: bool) -> None:
+    import drjit as dr
     from drjit.llvm.ad import UInt32
 
     from waveformer.simulator.device import to_device, to_device_vectors
@@ -69,9 +73,10 @@ def test_every_pair_equals_the_twin(rng: np.random.Generator, name: str, is_bist
     lit = amplitude.numpy() > 0
     assert lit.sum() > 300
     frequency = len(plan.frequencies_hz) - 1
-    weight = Response(plan)(
-        to_device_vectors(points), ways, cosine, to_device_vectors(normals), UInt32(frequency)
-    ).numpy()
+    response = Response(plan)
+    entry = dr.full(UInt32, frequency, count)
+    surface = response.surface(ways, cosine, to_device_vectors(normals), entry)
+    weight = (surface * response.path(to_device_vectors(points), ways, entry)).numpy()
     twin = pair_response(
         plan.material, plan.surroundings, plan.crossings, plan.facet_m, float(plan.frequencies_hz[frequency]),
         points, normals, tx, rx,
