@@ -50,8 +50,13 @@ def run_validation(
 def _checks() -> tuple[list[Check], list[Check]]:
     """Checks of every mode, and those that no mode enters."""
     # Imported here so that asking for CheckResult loads neither the simulator nor scipy
+    from waveformer.simulator import validation_box as box
     from waveformer.simulator import validation_curved as curved
     from waveformer.simulator import validation_flat as flat
+    from waveformer.simulator import validation_incoherent as incoherent
+    from waveformer.simulator import validation_matter as matter
+    from waveformer.simulator import validation_radar as radar
+    from waveformer.simulator import validation_sheet as sheet
     from waveformer.simulator import validation_signal as signal
 
     per_mode: list[Check] = [
@@ -66,8 +71,30 @@ def _checks() -> tuple[list[Check], list[Check]]:
         flat.disc_zones,
         signal.sphere_range,
         signal.level_over_range,
+        matter.lossy_sphere,
+        matter.thin_wall,
+        matter.named_materials,
+        matter.oblique_reflection,
+        matter.rough_surface,
+        sheet.sheet_transmission,
+        sheet.sheet_under_aperture,
+        sheet.sheet_own_echo,
+        box.box_of_nothing,
+        box.sphere_in_box,
+        box.box_walls,
+        radar.antenna_pattern,
     ]
-    return per_mode, [signal.point_range, signal.adjoint_identity, signal.focus]
+    once: list[Check] = [
+        signal.point_range,
+        signal.adjoint_identity,
+        signal.focus,
+        radar.thermal_noise_level,
+        radar.range_bias,
+        radar.iq_image,
+        radar.row_depth_errors,
+        incoherent.incoherent_spheres,
+    ]
+    return per_mode, once
 
 
 def _title(check: Check) -> str:

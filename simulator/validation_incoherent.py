@@ -13,16 +13,18 @@ from waveformer.simulator.target import Target
 from waveformer.simulator.validation_curved import sphere_edge_m
 from waveformer.simulator.validation_result import MITO_BAND, CheckResult, Trial, placed
 
-_MATERIALS = {"conductor": Material.pec(), "abs": Material.named("abs"), "glass": Material.named("glass")}
+_MATERIALS = {"conductor": Material.pec(), "abs": Material.named("abs")}
 
 
 def incoherent_spheres(trial: Trial) -> Iterator[CheckResult]:
     """Spheres rendered with the material as a BSDF, against the mean of their coherent echo over the band."""
+    if trial.quick:
+        return
     from waveformer.simulator.incoherent import mean_echo_power
 
     antennas = Aperture(np.zeros((1, 3)))
     errors = {}
-    for radius in (0.05,) if trial.quick else (0.02, 0.05, 0.10):
+    for radius in (0.02, 0.05, 0.10):
         mesh, pose = primitives.sphere(radius, sphere_edge_m(radius)), placed((0, 0, -0.4 - radius))
         for name, material in _MATERIALS.items():
             target = Target(mesh, material, pose)
