@@ -27,7 +27,7 @@ class Numerics(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     spacing_wavelengths: float = Field(default=1.0 / 3.0, gt=0.0, le=0.75)
-    facet_wavelengths: float = Field(default=1.0, gt=0.0, le=1.5)
+    facet_wavelengths: float = Field(default=0.8, gt=0.0, le=1.5)
     facet_taper: bool = True
     direct: bool = False
     tolerance: float = Field(default=1e-3, gt=0.0, lt=0.1)

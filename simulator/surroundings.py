@@ -31,9 +31,10 @@ class Surroundings:
     polarization: NDArray[np.float64] | Sequence[float] = (0.0, 1.0, 0.0)
 
     def __post_init__(self) -> None:
-        for name, kind in (("antenna", Antenna), ("box", Box | None)):
-            if not isinstance(getattr(self, name), kind):
-                raise RadarError(f"{name} must be an {kind}, got {getattr(self, name)!r}")
+        if not isinstance(self.antenna, Antenna):
+            raise RadarError(f"antenna must be an Antenna, got {self.antenna!r}")
+        if not isinstance(self.box, Box | None):
+            raise RadarError(f"box must be a Box or None, got {self.box!r}")
         sheets = (self.sheets,) if isinstance(self.sheets, Sheet) else tuple(self.sheets)
         for sheet in sheets:
             if not isinstance(sheet, Sheet):

@@ -76,7 +76,7 @@ def sheet_under_aperture(trial: Trial) -> Iterator[CheckResult]:
     sheet = Sheet((0, 0, -0.2), (0.25, -0.15, 1.0), 5e-3, "cardboard")
     plate = Target(primitives.plate(side, side, 2e-3), pose=placed((0, 0, depth)))
     h = trial.simulate(plate, chirp, aperture, sheets=sheet)
-    rows = trial.rng("sheet under aperture").choice(len(aperture), trial.pick(60, 30, 30), replace=False)
+    rows = trial.rng("sheet under aperture").choice(len(aperture), trial.pick(60, 20, 20), replace=False)
     samples = np.array([0, 8, 15])
     some = Aperture(aperture.tx_m[rows], aperture.receivers_m[rows])
     truth = plate_behind_sheet(side, depth, sheet, some, chirp.frequencies_hz[samples])

@@ -28,6 +28,7 @@ Case = tuple[Material, Surroundings, Crossings]
 CASES: dict[str, Case] = {
     "rough conductor": (Material.pec(roughness_m=3e-4), Surroundings(), "none"),
     "half space": (Material.dielectric(2.6 - 0.3j), Surroundings(polarization=(1.0, 0.3, 0.2)), "none"),
+    "wall of a box": (Material.dielectric(2.6 - 0.3j, thickness_m=0.004), Surroundings(), "none"),
     "thin wall": (Material.dielectric(2.6 - 0.02j, thickness_m=0.003), Surroundings(), "none"),
     "two sheets": (Material.pec(), Surroundings(sheets=(SLANTED, LEVEL)), "none"),
     "inside a box": (Material.pec(), Surroundings(box=BOX), "leaving"),
@@ -37,7 +38,7 @@ CASES: dict[str, Case] = {
 
 
 def planned(name: str) -> ResponsePlan:
-    facet_m = np.array([0.004, 0.003, 0.002]) if name == "half space" else None
+    facet_m = np.array([0.004, 0.003, 0.002]) if name == "wall of a box" else None
     below = -0.25 if CASES[name][2] == "any" else 0.0
     bounds_m = np.array([[-0.07, -0.06, -0.41 + below], [0.07, 0.06, -0.21 + below]])
     antennas_m = np.array([[-0.22, -0.22, 0.0], [0.22, 0.22, 0.0]])
@@ -61,6 +62,8 @@ def test_every_pair_equals_the_twin(rng: np.random.Generator, name: str, is_bist
         points += np.array([0.0, 0.0, -0.25])
     normals = rng.normal(size=(count, 3)) + [0, 0, 2.0]
     normals /= np.linalg.norm(normals, axis=1)[:, None]
+    if plan.facet_m is not None:  # rectangles lie along the axes
+        normals = np.eye(3)[rng.integers(3, size=count)] * rng.choice([-1.0, 1.0], (count, 1))
     tx = rng.uniform((-0.2, -0.2, -0.001), (0.2, 0.2, 0.001), (count, 3))
     rx = tx + rng.uniform(-0.02, 0.02, (count, 3)) if is_bistatic else tx
     ways: list[Any] = []
@@ -71,7 +74,7 @@ def test_every_pair_equals_the_twin(rng: np.random.Generator, name: str, is_bist
     one, zero = to_device(np.ones(count)), to_device(np.zeros(count))
     amplitude, _, cosine = echo(ways[0], ways[-1] if is_bistatic else None, one, zero, False)
     lit = amplitude.numpy() > 0
-    assert lit.sum() > 300
+    assert lit.sum() > 150
     frequency = len(plan.frequencies_hz) - 1
     response = Response(plan)
     entry = dr.full(UInt32, frequency, count)
@@ -81,8 +84,10 @@ def test_every_pair_equals_the_twin(rng: np.random.Generator, name: str, is_bist
         plan.material, plan.surroundings, plan.crossings, plan.facet_m, float(plan.frequencies_hz[frequency]),
         points, normals, tx, rx,
     )  # fmt: skip
+    # rectangles are expanded to first order in their curvature, 0.03 rad at 0.2 m, and in the slope of the amplitude
+    tolerance = 2e-4 if plan.facet_m is None else 5e-3
     # float32: walls of 12 mm are 30 rad thick there and back, cosines good to 1e-7; the pattern's table 1e-4
-    assert np.abs(weight - twin)[lit].max() < 2e-4 * max(1.0, np.abs(twin).max())
+    assert np.abs(weight - twin)[lit].max() < tolerance * max(1.0, np.abs(twin).max())
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -91,7 +96,8 @@ def test_between_its_frequencies_the_response_is_interpolated_to_the_tolerance(
 ) -> None:
     plan = planned(name)
     points = rng.uniform((-0.07, -0.06, -0.41), (0.07, 0.06, -0.21), (200, 3))
-    normals = np.tile([0.0, 0.1, 1.0] / np.linalg.norm([0.0, 0.1, 1.0]), (200, 1))
+    normal = np.array([0.0, 0.0 if plan.facet_m is not None else 0.1, 1.0])
+    normals = np.tile(normal / np.linalg.norm(normal), (200, 1))
     antenna = np.array([0.05, -0.1, 0.0])
 
     def at(frequency_hz: float) -> np.ndarray:
@@ -104,7 +110,7 @@ def test_between_its_frequencies_the_response_is_interpolated_to_the_tolerance(
     assert np.abs(plan.to_samples.T @ nodes - exact).max() < 1e-3 * np.abs(exact).max()
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", [name for name in CASES if name != "wall of a box"])
 def test_both_modes_equal_the_dense_sum(name: str) -> None:
     from waveformer.simulator.echo_source import EchoSource
     from waveformer.simulator.exact_echo import exact_echo
