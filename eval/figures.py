@@ -20,8 +20,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DYNAMIC_RANGE_DB = 30.0
+_STRONG_DB = -20.0
 _COLORS = "inferno"  # perceptually uniform, and its brightness alone carries the value
 _OUTLINE = "#7fd4ff"
+_BOX_COLOR = "#d9a066"
+_BOX_AIR_CM = 1.0
+_NOT_IMAGED = "#555555"
 _CM_PER_M = 100.0
 _MAX_WATERFALL_ROWS = 1024
 _SILHOUETTE_PIXELS = 320
@@ -33,6 +37,7 @@ def image_figure(
     *,
     meshes: Sequence[SurfaceMesh] = (),
     aperture: Aperture | None = None,
+    box_m: NDArray[np.float64] | None = None,
 ) -> None:
     """Draw the maximum projections of |image| from above, from the front and from the side.
 
@@ -41,13 +46,20 @@ def image_figure(
         path: picture to write, replaced if it exists.
         meshes: each drawn as the outline of its shadow in each view.
         aperture: its extent is drawn in the view from above.
+        box_m: opposite corners of a box, shape (2, 3); the views reach as far, and grey is what is not imaged.
     """
     magnitude = np.abs(image.values)
     peak = float(magnitude.max())
     level_db = _decibel(magnitude, peak)
     axes_cm = [axis * _CM_PER_M for axis in (image.grid.x, image.grid.y, image.grid.z)]
+    limits_cm = np.array([_edges(axis)[[0, -1]] for axis in axes_cm])
+    if box_m is not None:
+        low_cm, high_cm = box_m * _CM_PER_M + np.array([[-_BOX_AIR_CM], [_BOX_AIR_CM]])
+        limits_cm = np.stack(
+            [np.minimum(limits_cm[:, 0], low_cm), np.maximum(limits_cm[:, 1], high_cm)], axis=1
+        )
     # The drawn width of a panel follows its extent, so that a centimetre is as long in all three.
-    extents_cm = [float(np.ptp(_edges(axis))) for axis in axes_cm]
+    extents_cm = [float(np.ptp(limits)) for limits in limits_cm]
     figure = _new_figure(
         width_in=10.5,
         height_in=1.5 + 7.2 * max(extents_cm[1:]) / (2 * extents_cm[0] + extents_cm[1]),
@@ -67,19 +79,25 @@ def image_figure(
         for mesh in meshes:
             _draw_silhouette(panel, mesh.triangles_m[:, :, [across, up]] * _CM_PER_M)
         if aperture is not None and along == 2:
-            _draw_aperture(panel, aperture)
+            _draw_rectangle(panel, _extent_cm(aperture), "white", "--", "aperture")
+        if box_m is not None:
+            _draw_rectangle(panel, box_m[:, [across, up]] * _CM_PER_M, _BOX_COLOR, "-", "box")
+        if along == 2 and panel.patches:
+            panel.legend(loc="upper right", frameon=False, labelcolor="white", fontsize="small")
         panel.set(
             title=name,
             xlabel=f"{'xyz'[across]} [cm]",
             ylabel=f"{'xyz'[up]} [cm]",
-            xlim=_edges(axes_cm[across])[[0, -1]],
-            ylim=_edges(axes_cm[up])[[0, -1]],
+            xlim=limits_cm[across],
+            ylim=limits_cm[up],
             aspect="equal",
+            facecolor=_NOT_IMAGED,
         )
     figure.colorbar(drawn, ax=panels, label="|image| [dB re its peak]", shrink=0.8, pad=0.01)
     place = ", ".join(f"{value:.1f}" for value in image.peak_position_m * _CM_PER_M)
     title = f"Maximum projections; peak at ({place}) cm" if peak > 0 else "Empty image"
-    figure.suptitle(title + (", blue: outline of the mesh" if meshes else ""))
+    title += ", blue: outline of the mesh" if meshes else ""
+    figure.suptitle(title + (", grey: not imaged" if box_m is not None else ""))
     figure.savefig(path)
 
 
@@ -92,7 +110,8 @@ def range_profile_figure(measurement: Measurement, path: str | os.PathLike[str])
     """
     range_m, magnitude = measurement.range_profile()
     peak = float(magnitude.max())
-    near = range_m <= 2 * range_m[int(magnitude.max(axis=0).argmax())]  # beyond it is nothing but sidelobes
+    strong = np.flatnonzero(magnitude.max(axis=0) >= peak * 10 ** (_STRONG_DB / 20))
+    near = range_m <= 1.5 * range_m[strong[-1]]  # beyond it is nothing but sidelobes
     near[:16] = True
     range_cm, magnitude = range_m[near] * _CM_PER_M, magnitude[:, near]
     level_db = 20 * np.log10(np.maximum(magnitude, max(peak, 1e-30) * 1e-5))
@@ -193,12 +212,16 @@ def _spread_points(triangles: NDArray[np.float64], pixel: float) -> NDArray[np.f
     return np.concatenate([triangles.reshape(-1, 2), inside])
 
 
-def _draw_aperture(panel: Axes, aperture: Aperture) -> None:
+def _extent_cm(aperture: Aperture) -> NDArray[np.float64]:
+    """Lowest and highest x and y of an aperture, shape (2, 2)."""
+    positions_cm = np.concatenate([aperture.tx_m, aperture.receivers_m])[:, :2] * _CM_PER_M
+    return np.array([positions_cm.min(axis=0), positions_cm.max(axis=0)])
+
+
+def _draw_rectangle(panel: Axes, corners: NDArray[np.float64], color: str, line: str, label: str) -> None:
     from matplotlib.patches import Rectangle
 
-    positions_cm = np.concatenate([aperture.tx_m, aperture.receivers_m])[:, :2] * _CM_PER_M
-    low, high = positions_cm.min(axis=0), positions_cm.max(axis=0)
+    low, high = corners
     panel.add_patch(
-        Rectangle(tuple(low), *(high - low), fill=False, color="white", lw=0.8, ls="--", label="aperture")
+        Rectangle(tuple(low), *(high - low), fill=False, color=color, lw=0.9, ls=line, label=label)
     )
-    panel.legend(loc="upper right", frameon=False, labelcolor="white", fontsize="small")

@@ -22,6 +22,8 @@ MAX_FACES = 150_000  # what a browser turns smoothly, and some 5 MB of HTML
 _ISO_STYLES = (("#d55e00", 1.0), ("#e69f00", 0.35))
 _MESH_STYLE = ("#8c8c8c", 0.35)
 _APERTURE_COLOR = "#0072b2"
+_BOX_COLOR = "#8b5a2b"
+_EDGE_POINTS_PITCH_M = 0.002
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +46,11 @@ class Layer:
 
 
 def scene_layers(
-    *, meshes: Sequence[SurfaceMesh] = (), aperture: Aperture | None = None, image: Image | None = None
+    *,
+    meshes: Sequence[SurfaceMesh] = (),
+    aperture: Aperture | None = None,
+    image: Image | None = None,
+    box_m: NDArray[np.float64] | None = None,
 ) -> list[Layer]:
     """What there is to draw.
 
@@ -52,6 +58,7 @@ def scene_layers(
         meshes: drawn as half-transparent grey surfaces.
         aperture: its positions, evenly thinned to at most `MAX_POINTS`.
         image: drawn as surfaces of constant |image|, `ISO_LEVELS_DB` below its peak.
+        box_m: opposite corners of a box, shape (2, 3), drawn as its edges.
 
     Returns:
         Layers, none of them empty; no more than `MAX_FACES` faces each.
@@ -61,12 +68,36 @@ def scene_layers(
         positions_m = np.concatenate([aperture.tx_m, *([] if aperture.rx_m is None else [aperture.rx_m])])
         thinned_m = positions_m[:: -(-len(positions_m) // MAX_POINTS)]
         layers.append(Layer("antenna positions", thinned_m, np.zeros((0, 3), np.int64), _APERTURE_COLOR, 1.0))
+    if box_m is not None:
+        layers.append(Layer("box", box_edges(box_m), np.zeros((0, 3), np.int64), _BOX_COLOR, 1.0))
     if image is not None:
         for level_db, style in zip(ISO_LEVELS_DB, _ISO_STYLES, strict=True):
             vertices_m, faces = isosurface(image, level_db)
             if len(faces):
                 layers.append(_surface(f"image at {level_db:g} dB of its peak", vertices_m, faces, *style))
     return layers
+
+
+def box_edges(box_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points 2 mm apart or closer on the twelve edges of a box.
+
+    Args:
+        box_m: opposite corners, shape (2, 3).
+
+    Returns:
+        Shape (P, 3).
+    """
+    points = []
+    for axis in range(3):
+        low, high = box_m[0, axis], box_m[1, axis]
+        ticks = np.linspace(low, high, int(np.ceil((high - low) / _EDGE_POINTS_PITCH_M)) + 1)
+        others = [other for other in range(3) if other != axis]
+        for corner in np.ndindex(2, 2):
+            edge = np.empty((len(ticks), 3))
+            edge[:, axis] = ticks
+            edge[:, others] = box_m[corner, others]
+            points.append(edge)
+    return np.concatenate(points)
 
 
 def isosurface(image: Image, level_db: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

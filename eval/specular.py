@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
 from waveformer.simulator.image import Image
@@ -26,17 +27,31 @@ def specular_fraction(mesh: SurfaceMesh, aperture: Aperture, tolerance_deg: floa
     """
     antennas_m = (aperture.tx_m + aperture.receivers_m) / 2
     antennas_m = antennas_m[:: -(-len(antennas_m) // _MAX_DIRECTIONS)]
+    facing = np.zeros(len(mesh.faces), dtype=bool)
+    candidates = np.flatnonzero(_may_face(mesh, antennas_m, tolerance_deg))
     centers_m = mesh.triangles_m.mean(axis=1)
-    best_cosine = np.empty(len(centers_m))
-    for start in range(0, len(centers_m), _BLOCK_FACES):
-        block = slice(start, start + _BLOCK_FACES)
+    for start in range(0, len(candidates), _BLOCK_FACES):
+        block = candidates[start : start + _BLOCK_FACES]
         towards = antennas_m[None] - centers_m[block, None]  # (block, antennas, 3)
         along = np.einsum("fai,fi->fa", towards, mesh.normals[block])
         if mesh.two_sided:
             along = np.abs(along)
-        best_cosine[block] = (along / np.linalg.norm(towards, axis=-1)).max(axis=1)
-    facing = best_cosine >= np.cos(np.deg2rad(tolerance_deg))
+        best_cosine = (along / np.linalg.norm(towards, axis=-1)).max(axis=1)
+        facing[block] = best_cosine >= np.cos(np.deg2rad(tolerance_deg))
     return float(mesh.areas_m2[facing].sum() / mesh.areas_m2.sum())
+
+
+def _may_face(mesh: SurfaceMesh, antennas_m: NDArray[np.float64], tolerance_deg: float) -> NDArray[np.bool_]:
+    """Faces whose normal points at the sphere around all antennas, give or take the tolerance, shape (F,)."""
+    middle_m = antennas_m.mean(axis=0)
+    radius_m = np.linalg.norm(antennas_m - middle_m, axis=1).max()
+    towards = middle_m - mesh.triangles_m.mean(axis=1)
+    distance_m = np.linalg.norm(towards, axis=1)
+    cosine = np.einsum("fi,fi->f", towards, mesh.normals) / distance_m
+    reach = np.deg2rad(tolerance_deg) + np.arcsin(np.minimum(1.0, radius_m / distance_m))
+    return np.asarray(
+        (np.abs(cosine) if mesh.two_sided else cosine) >= np.cos(np.minimum(reach, np.pi)) - 1e-9
+    )
 
 
 def bright_fraction(mesh: SurfaceMesh, image: Image, level_db: float) -> float:

@@ -78,3 +78,15 @@ def test_range_profile_figure(tmp_path, amplitude):
     range_profile_figure(Measurement(h, chirp, aperture), tmp_path / "profile.png")
     picture = matplotlib.image.imread(tmp_path / "profile.png")[..., :3]
     assert picture.std() > 0.1
+
+
+def test_a_box_is_drawn_around_the_image(tmp_path):
+    box_m = np.array([[-0.15, -0.075, -0.5], [0.15, 0.075, -0.3]])
+    image_figure(one_voxel(), tmp_path / "image.png", box_m=box_m)
+    picture = matplotlib.image.imread(tmp_path / "image.png")[..., :3]
+    brown = np.ptp(picture, axis=-1) > 0.1  # all else is grey, but for one voxel and the colour bar
+    rows = np.flatnonzero(brown.sum(axis=1) > 0.25 * picture.shape[1])
+    top = np.flatnonzero(brown[rows[0]])
+    front = np.split(top, np.flatnonzero(np.diff(top) > 5) + 1)[0]
+    # 30 cm wide and 20 cm high from the front, to a pixel of 250; views that ended with the image would show no box
+    assert np.ptp(front) / np.ptp(rows) == pytest.approx(30 / 20, rel=0.01)

@@ -111,3 +111,14 @@ def test_html_is_one_self_contained_file(tmp_path, layers):
     # Nothing is named as a source, and the policy, which must precede all scripts, forbids the rest.
     assert not re.search(r"<(script|link|img|iframe)[^>]*(src|href)=", page.replace("\\", ""))
     assert "default-src 'none'" in page[: page.index("<script")]
+
+
+def test_a_box_is_its_twelve_edges():
+    corners = np.array([[-0.1, -0.05, -0.5], [0.1, 0.05, -0.3]])
+    (layer,) = scene_layers(box_m=corners)
+    assert layer.name == "box"
+    on_faces = (layer.vertices_m[:, None] == corners).any(axis=1).sum(axis=1)
+    assert (on_faces >= 2).all()
+    # 4 * (0.2 + 0.1 + 0.2) m of edges in steps of 2 mm, and a point more on each of them
+    assert len(layer.vertices_m) == 4 * (100 + 50 + 100 + 3)
+    assert np.array_equal([layer.vertices_m.min(axis=0), layer.vertices_m.max(axis=0)], corners)

@@ -10,7 +10,8 @@ import trimesh
 from typer.testing import CliRunner
 
 from waveformer.cli import app
-from waveformer.cli.scan_config import SimulateConfig, scene_pose
+from waveformer.cli.scan_config import SimulateConfig
+from waveformer.cli.scan_scene import scene_pose
 from waveformer.config import load_config
 from waveformer.simulator.image import Image
 from waveformer.simulator.measurement import Measurement

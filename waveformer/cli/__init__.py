@@ -45,7 +45,8 @@ class CommandGroup(TyperGroup):
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt as error:
-            raise _stop(ctx, "interrupted; nothing half-written was kept", EXIT_INTERRUPTED) from error
+            kept = str(error) or "nothing half-written was kept"
+            raise _stop(ctx, f"interrupted; {kept}", EXIT_INTERRUPTED) from error
         except BrokenPipeError:
             raise  # `waveformer ... | head`: typer ends quietly
         except WaveformerError as error:

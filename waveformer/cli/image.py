@@ -65,12 +65,18 @@ def image(
     formed.save(out, overwrite=force)
     notes: list[str] = []
     if png:
-        from waveformer.cli.overlay import recorded_meshes
+        from waveformer.cli.overlay import recorded_box, recorded_meshes
         from waveformer.eval.figures import image_figure
 
         meshes, notes = recorded_meshes(measurement.metadata)
         with publish_file(picture, overwrite=force) as temporary:
-            image_figure(formed, temporary, meshes=meshes, aperture=measurement.aperture)
+            image_figure(
+                formed,
+                temporary,
+                meshes=meshes,
+                aperture=measurement.aperture,
+                box_m=recorded_box(measurement.metadata),
+            )
     print_notes(notes)
     peak_m = formed.peak_position_m.tolist()
     summary = {

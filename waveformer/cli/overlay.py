@@ -1,8 +1,7 @@
-"""The meshes a scan was made of, found again and put where they were."""
+"""The meshes and the box a scan was made of, found again and put where they were."""
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 from waveformer.simulator.errors import StoreError
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    import numpy as np
+    from numpy.typing import NDArray
 
     from waveformer.simulator.mesh import SurfaceMesh
 
@@ -32,9 +32,14 @@ def recorded_meshes(
         StoreError: `moved_to` is given, but the scan does not have exactly one mesh.
         MeshError: `moved_to` cannot be used.
     """
+    import numpy as np
+
+    from waveformer.cli.scan_scene import in_radar_frame
     from waveformer.simulator.mesh import load_mesh
 
     records = metadata.get("meshes", [])
+    if moved_to is None and "scene" in metadata:
+        return _of_scene_file(metadata["scene"])
     if moved_to is not None:
         if len(records) != 1:
             raise StoreError(f"--mesh stands for the one mesh of a scan, but this one records {len(records)}")
@@ -52,13 +57,29 @@ def recorded_meshes(
                 remarks.append(f"mesh {path} has changed since the scan and is not drawn")
                 continue
         mesh = load_mesh(path, fix_winding=record["fix_winding"], unit_m=record["unit_m"])
-        meshes.append(in_radar_frame(mesh, record["pose"]))
+        meshes.append(in_radar_frame(mesh, np.asarray(record["pose"])))
     return meshes, remarks
 
 
-def in_radar_frame(mesh: SurfaceMesh, pose: ArrayLike) -> SurfaceMesh:
-    """The mesh moved by a rigid pose (4, 4)."""
+def recorded_box(metadata: Mapping[str, Any]) -> NDArray[np.float64] | None:
+    """Outer corners (2, 3) of the box that the metadata of a scan name, or None."""
     import numpy as np
 
-    matrix = np.asarray(pose, float)
-    return dataclasses.replace(mesh, vertices_m=mesh.vertices_m @ matrix[:3, :3].T + matrix[:3, 3])
+    box = metadata.get("surroundings", {}).get("box")
+    return None if box is None else np.array([box["min_m"], box["max_m"]])
+
+
+def _of_scene_file(record: Mapping[str, Any]) -> tuple[list[SurfaceMesh], list[str]]:
+    """The objects of a Mitsuba scene file in the radar frame, or a remark why they are not drawn."""
+    from waveformer.cli.scan_scene import geometry_sha256, placed_meshes
+    from waveformer.simulator.errors import WaveformerError
+    from waveformer.simulator.scene_file import load_scene
+
+    path = record["path"]
+    try:
+        meshes = placed_meshes(load_scene(path).targets)
+    except WaveformerError as error:
+        return [], [f"the objects are not drawn: {error}"]
+    if geometry_sha256(meshes) != record["geometry_sha256"]:
+        return [], [f"scene {path} has changed since the scan and is not drawn"]
+    return meshes, []

@@ -27,7 +27,7 @@ def view(
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
     json_output: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
 ) -> None:
-    """Draw antenna positions, meshes and image surfaces, in one self-contained HTML file or a PNG."""
+    """Draw antenna positions, meshes, boxes and image surfaces, in one self-contained HTML file or a PNG."""
     from waveformer.simulator.storage import check_file_writable
 
     check_file_writable(out, force)
@@ -58,7 +58,7 @@ def collect_layers(
     Raises:
         StoreError, MeshError: a path cannot be read, or the unit is unknown.
     """
-    from waveformer.cli.overlay import recorded_meshes
+    from waveformer.cli.overlay import recorded_box, recorded_meshes
     from waveformer.cli.scan_config import UNITS_M
     from waveformer.eval.scene import scene_layers
     from waveformer.simulator.image import IMAGE_FORMAT, Image
@@ -90,10 +90,11 @@ def collect_layers(
     notes: list[str] = []
     drawn: list[object] = []
     for origin in origins:
-        if origin.get("meshes", []) not in drawn:  # a scan and its image share their meshes
-            drawn.append(origin.get("meshes", []))
+        objects = [origin.get(name) for name in ("meshes", "scene", "surroundings")]
+        if objects not in drawn:  # a scan and its image share their objects
+            drawn.append(objects)
             meshes, remarks = recorded_meshes(origin, moved_mesh)
-            layers += scene_layers(meshes=meshes)
+            layers += scene_layers(meshes=meshes, box_m=recorded_box(origin))
             notes += remarks
     return layers, notes
 
