@@ -18,6 +18,8 @@ from waveformer.simulator.target import Target, rotate
 
 # A surface nearer than this to an antenna lies in its reactive field, where k R is not large.
 MIN_DISTANCE_WAVELENGTHS = 5.0
+# What stands on the bottom of a box is inside it, whatever the last digits of its vertices say.
+_ROUNDING_M = 1e-9
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,7 @@ def _crossings(name: str, vertices: NDArray[np.float64], box: Box | None) -> Cro
         return "none"
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     inner_low, inner_high = np.asarray(box.min_m) + box.thickness_m, np.asarray(box.max_m) - box.thickness_m
-    if (low >= inner_low).all() and (high <= inner_high).all():
+    if (low >= inner_low - _ROUNDING_M).all() and (high <= inner_high + _ROUNDING_M).all():
         return "leaving"
     if (low > np.asarray(box.max_m)).any() or (high < np.asarray(box.min_m)).any():
         return "any"
