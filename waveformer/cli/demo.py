@@ -21,13 +21,15 @@ if TYPE_CHECKING:
 _RANGE_M = 0.4
 _SPACING_M = 0.003
 _NUM_SAMPLES = 256
+# 14 x 14 cm. At this pitch the grating lobes of the hammer's head lie outside the box.
+_APERTURE = {"num_x": 60, "num_y": 60, "spacing_m": 0.0024}
 _TOLERANCE_DEG = 5.0
 _DARK_DB = -20.0
 # Turned so that neither a flat side nor an axis lies parallel to the aperture.
 _ROTATE_DEG = {"mug": (75.0, 0.0, 35.0), "hammer": (8.0, 5.0, 25.0)}
 # The lid echoes more strongly than the object, so it keeps three range bins (5 cm) from it, the floor two.
-_BOX_LOW_M = {"mug": (-0.11, -0.11, -0.55), "hammer": (-0.18, -0.12, -0.55)}
-_BOX_HIGH_M = {"mug": (0.11, 0.11, -0.20), "hammer": (0.18, 0.12, -0.20)}
+_BOX_LOW_M = {"mug": (-0.11, -0.11, -0.55), "hammer": (-0.16, -0.12, -0.55)}
+_BOX_HIGH_M = {"mug": (0.11, 0.11, -0.20), "hammer": (0.16, 0.12, -0.20)}
 
 
 def demo(
@@ -193,7 +195,7 @@ def _build(object_name: str) -> Any:
 
 def _settings(mesh: Path, object_name: str, seed: int) -> Any:
     from waveformer.cli.matter_config import BoxConfig
-    from waveformer.cli.scan_config import ChirpConfig, SimulateConfig
+    from waveformer.cli.scan_config import ApertureConfig, ChirpConfig, SimulateConfig
     from waveformer.simulator.presets import CHIRP_PRESETS
 
     return SimulateConfig(
@@ -203,5 +205,6 @@ def _settings(mesh: Path, object_name: str, seed: int) -> Any:
         box=BoxConfig(material="cardboard", min_m=_BOX_LOW_M[object_name], max_m=_BOX_HIGH_M[object_name]),
         # The band of MITO's radar; half its samples reach 6 m, far enough, in half the time.
         radar=ChirpConfig(**{**CHIRP_PRESETS["mito"], "num_samples": _NUM_SAMPLES}),
+        aperture=ApertureConfig(**_APERTURE),
         seed=seed,
     )
