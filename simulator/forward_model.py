@@ -34,6 +34,8 @@ from waveformer.simulator.target import as_targets, rotate
 # Rows of H computed together, whether they stay in memory or are written as they come.
 BLOCK_POSITIONS = 16384
 _REFERENCE_POSITIONS = 2048
+# Interpolation of a box's own echo: its pieces are good to this, and it is gated out where the object matters.
+_WALL_TOLERANCE = 5e-3
 
 Progress = Callable[[int, int], None]
 Accumulate = Callable[[NDArray[np.int64], NDArray[np.complex64]], None]
@@ -207,13 +209,19 @@ class ForwardModel:
             samples = sample_surface(item.mesh, item.pose, spacing, chunk)
             source = EchoSource(samples, item.mesh.two_sided, item.closest_m, response)
             add = _accumulator(h, scale, _share(progress, index, len(chunks)))
-            self._sum(source, aperture, add)
+            self._sum(source, aperture, self.numerics, add)
 
     def _add_walls(self, h: NDArray[np.complex64], box: Box, aperture: Aperture) -> None:
         """Add the echo of the box itself to h (n, T): its outer faces, and the inner ones through the other walls."""
         antennas = np.concatenate([aperture.tx_m, aperture.receivers_m])
         wavelength = SPEED_OF_LIGHT_M_PER_S / self.chirp.center_hz
         closest_m = check_box(box, self.chirp, aperture)
+        tolerance = max(_WALL_TOLERANCE, self.numerics.tolerance)
+        numerics = (
+            self.numerics
+            if self.numerics.direct
+            else self.numerics.model_copy(update={"tolerance": tolerance})
+        )
         for inside in (False, True):
             samples, facet_m = wall_pieces(
                 box, self.numerics.facet_wavelengths * wavelength, antennas, inside=inside
@@ -224,20 +232,20 @@ class ForwardModel:
                     self.surroundings,
                     "leaving" if inside else "none",
                     self.chirp,
-                    self.numerics.tolerance,
+                    numerics.tolerance,
                     np.array([box.min_m, box.max_m]),
                     antennas,
                     facet_m,
                 )
                 add = _accumulator(h, np.complex64(1j / (4.0 * np.pi)), None)
-                self._sum(EchoSource(samples, False, closest_m, response), aperture, add)
+                self._sum(EchoSource(samples, False, closest_m, response), aperture, numerics, add)
 
-    def _sum(self, source: EchoSource, aperture: Aperture, add: Accumulate) -> None:
+    def _sum(self, source: EchoSource, aperture: Aperture, numerics: Numerics, add: Accumulate) -> None:
         from waveformer.simulator.exact_echo import exact_echo
         from waveformer.simulator.fast_echo import fast_echo
 
-        kernel = exact_echo if self.numerics.direct else fast_echo
-        kernel(self.scene, source, self.chirp, aperture, self.numerics, self.tile_positions, add)
+        kernel = exact_echo if numerics.direct else fast_echo
+        kernel(self.scene, source, self.chirp, aperture, numerics, self.tile_positions, add)
 
 
 def _accumulator(h: NDArray[np.complex64], scale: np.complex64, progress: Progress | None) -> Accumulate:

@@ -64,30 +64,30 @@ def wall_coefficients(
     return Coefficients(back[0], back[1], through[0], through[1])
 
 
-def refraction_factor(
-    permittivity: Any, thickness_m: Any, cosine: Any, inverse_distance_per_m: Any, wavenumber_per_m: Any
-) -> Any:
-    """What a wall's transmission at the straight line lacks for a spherical wave: walk-off and spreading.
+def refraction_terms(
+    permittivity: Any, thickness_m: Any, cosine: Any, wavenumber_per_m: Any
+) -> tuple[Any, Any]:
+    """What a wall's transmission at the straight line lacks for a spherical wave: spreading and walk-off.
 
     The formula and its derivation: `slab.refraction_factor`.
 
     Args:
         permittivity, thickness_m, cosine, wavenumber_per_m: as in `wall_coefficients`.
-        inverse_distance_per_m: 1 / R, R between antenna and sample.
 
     Returns:
-        Complex factor on the one-way transmission of both polarisations.
+        Complex a and b in metres: over a distance R the factor on the one-way transmission of both polarisations is
+        (1 - a / R) exp(-j b / R).
     """
     cosine = dr.select(cosine > SMALLEST_REFRACTION_COSINE, cosine, SMALLEST_REFRACTION_COSINE)
     square = cosine * cosine
     inside = dr.sqrt(complex_number(dr.real(permittivity) - 1.0 + square, dr.imag(permittivity)))
-    depth = thickness_m * inverse_distance_per_m
     slowness = 1.0 / inside
     walk = dr.rcp(cosine) - slowness
     curvature = permittivity * square * slowness * slowness * slowness + slowness - 2.0 * dr.rcp(cosine)
-    bend = (walk * walk) * (0.5 * wavenumber_per_m * thickness_m * depth * (1.0 - square) * square)
-    turn = dr.exp(complex_number(dr.imag(bend), -dr.real(bend)))
-    return (1.0 - walk * (depth * (1.0 - square)) - curvature * (0.5 * depth)) * turn
+    spreading = walk * (thickness_m * (1.0 - square)) + curvature * (0.5 * thickness_m)
+    return spreading, (walk * walk) * (
+        0.5 * wavenumber_per_m * thickness_m * thickness_m * (1.0 - square) * square
+    )
 
 
 def coherent_loss(roughness_m: Any, cosine: Any, wavenumber_per_m: Any) -> Any:

@@ -10,25 +10,28 @@ amplitude gains of both antennas. Its NumPy float64 twin is `reference_response`
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import drjit as dr
 import numpy as np
 from drjit.llvm.ad import Array3f, Array4f, Complex2f, Float, UInt32
+from numpy.typing import NDArray
 
 from waveformer.simulator.device import to_device
 from waveformer.simulator.echo_terms import Leg, phasor, straight_leg
+from waveformer.simulator.materials import Material
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S
-from waveformer.simulator.reflection import coherent_loss, refraction_factor, wall_coefficients
+from waveformer.simulator.reflection import coherent_loss, refraction_terms, wall_coefficients
 from waveformer.simulator.response_plan import ResponsePlan
 from waveformer.simulator.surroundings import Surroundings
 
 # Entries of an antenna's table over sin(angle): a step of 0.1 degrees at broadside.
 _GAIN_ENTRIES = 1025
 # Entries of a material's table over the cosine: a wall of 10 mm turns by 0.02 rad between two, linear to 4e-5.
-_REFLECTION_ENTRIES = 2049
-# Central differences of the path factor: the centre and both sides along each axis.
-_STENCIL, _STEP_M = 7, 2e-3
+_COSINE_ENTRIES = 2049
+# Differences of the path factor: the centre and a step along each axis.
+_STENCIL, _STEP_M = 4, 1e-3
 
 
 class _Field(NamedTuple):
@@ -75,13 +78,11 @@ class Response:
         walls = [sheet.material for sheet in surroundings.sheets]
         if surroundings.box is not None:
             walls.append(surroundings.box.material)
-        rows = []
-        for frequency in plan.frequencies_hz:
-            values = [wall.permittivity.at(frequency) for wall in walls if wall.permittivity is not None]
-            parts = [part for value in values for part in (value.real, value.imag)]
-            rows.append([2.0 * np.pi * frequency / SPEED_OF_LIGHT_M_PER_S, *parts])
-        self._table, self._stride = to_device(np.array(rows)), len(rows[0])
-        self._reflections = None if material.is_conductor else _reflection_table(plan)
+        self._wavenumbers = to_device(2.0 * np.pi * plan.frequencies_hz / SPEED_OF_LIGHT_M_PER_S)
+        self._reflections = (
+            None if material.is_conductor else _reflection_table(material, plan.frequencies_hz)
+        )
+        self._transmissions = [_transmission_tables(wall, plan.frequencies_hz) for wall in walls]
         self._polarization = _constant(surroundings.polarization)
         self._gain = None if surroundings.antenna.is_isotropic else _gain_tables(surroundings)
         broadside = surroundings.antenna.amplitude(np.array([0.0, 0.0, 1.0]))
@@ -99,7 +100,7 @@ class Response:
         Returns:
             Complex2f.
         """
-        wavenumber = self._value(frequency, 0)
+        wavenumber = dr.gather(Float, self._wavenumbers, frequency)
         weight = self._reflection(legs, cosine, normal, wavenumber, frequency)
         if self._facet is not None:
             weight = weight * _form_factor(legs, normal, self._facet, wavenumber)
@@ -119,12 +120,11 @@ class Response:
         weight = Complex2f(gain * (gain if len(legs) == 1 else self._amplitude_gain(legs[1])), 0.0)
         if self._surroundings.occludes:
             fields = [_transverse(self._polarization, leg.direction) for leg in legs]
-            wavenumber = self._value(frequency, 0)
-            weight = weight * self._transmission(point, legs, fields, wavenumber, frequency)
+            weight = weight * self._transmission(point, legs, fields, frequency)
         return weight
 
     def path_of_cells(self, center: Any, antennas: list[Any], frequency: UInt32) -> Path | None:
-        """The path factor around the centres of cells, by central differences, one cell a lane.
+        """The path factor around the centres of cells, by differences, one cell a lane.
 
         Over a cell it is linear in the logarithm to 1e-3 and better, and a cell whose samples differ in the walls
         they cross is not summed as one.
@@ -143,9 +143,7 @@ class Response:
         lane = dr.arange(UInt32, _STENCIL * lanes)
         cell = lane // _STENCIL
         probe = lane - cell * _STENCIL
-        offsets = to_device(
-            np.concatenate([np.zeros((1, 3)), _STEP_M * np.eye(3), -_STEP_M * np.eye(3)]).ravel()
-        )
+        offsets = to_device(np.concatenate([np.zeros((1, 3)), _STEP_M * np.eye(3)]).ravel())
         point = dr.gather(Array3f, center, cell) + dr.gather(Array3f, offsets, probe)
         legs = [straight_leg(dr.gather(Array3f, antenna, cell), point) for antenna in antennas]
         factor = self.path(point, legs, dr.gather(UInt32, frequency, cell))
@@ -160,18 +158,12 @@ class Response:
         inverse = dr.select(
             exists, dr.rcp(dr.select(exists, value, Complex2f(1.0, 0.0))), Complex2f(0.0, 0.0)
         )
-        slopes = [(around[i] - around[3 + i]) * inverse * (0.5 / _STEP_M) for i in range(3)]
+        slopes = [(stepped - value) * inverse * (1.0 / _STEP_M) for stepped in around]
         path = Path(
             value, Array3f(*(slope.real for slope in slopes)), Array3f(*(slope.imag for slope in slopes))
         )
         dr.eval(path.value, path.gradient_real, path.gradient_imaginary)
         return path
-
-    def _value(self, frequency: UInt32, entry: int) -> Float:
-        return dr.gather(Float, self._table, frequency * self._stride + entry)
-
-    def _permittivity(self, frequency: UInt32, wall: int) -> Any:
-        return Complex2f(self._value(frequency, 1 + 2 * wall), self._value(frequency, 2 + 2 * wall))
 
     def _reflection(
         self, legs: list[Leg], cosine: Any, normal: Any, wavenumber: Any, frequency: UInt32
@@ -189,21 +181,14 @@ class Response:
             part = dr.dot(field, _unit_or_zero(dr.cross(way.direction, normal)))
             shares.append(part * part)
         share_s = shares[0] if len(shares) == 1 else 0.5 * (shares[0] + shares[1])
-        place = dr.select(cosine < 1.0, cosine, 1.0) * (_REFLECTION_ENTRIES - 1)
-        below = dr.floor(dr.select(place < _REFLECTION_ENTRIES - 1.001, place, _REFLECTION_ENTRIES - 1.001))
-        row = frequency * _REFLECTION_ENTRIES + UInt32(below)
-        low, high = (dr.gather(Array4f, self._reflections, row + step) for step in (0, 1))
-        both = low + (high - low) * (place - below)
+        both = _look_up(self._reflections, cosine, frequency)
         real, imaginary = both.z + (both.x - both.z) * share_s, both.w + (both.y - both.w) * share_s
         return Complex2f(real * loss, imaginary * loss)
 
-    def _transmission(
-        self, point: Any, legs: list[Leg], fields: list[Any], wavenumber: Any, frequency: UInt32
-    ) -> Any:
+    def _transmission(self, point: Any, legs: list[Leg], fields: list[Any], frequency: UInt32) -> Any:
         """Product of the fields behind all that the two ways cross, over that in free space."""
         carried = [
-            self._behind_all(point, leg, field, wavenumber, frequency)
-            for leg, field in zip(legs, fields, strict=True)
+            self._behind_all(point, leg, field, frequency) for leg, field in zip(legs, fields, strict=True)
         ]
         one, other = carried[0], carried[-1]
         product = Complex2f(
@@ -212,22 +197,21 @@ class Response:
         )
         return product if len(legs) == 1 else product / dr.dot(fields[0], fields[1])
 
-    def _behind_all(self, point: Any, leg: Leg, field: Any, wavenumber: Any, frequency: UInt32) -> _Field:
+    def _behind_all(self, point: Any, leg: Leg, field: Any, frequency: UInt32) -> _Field:
         carried = _Field(field, Array3f(0.0))
         for index, sheet in enumerate(self._surroundings.sheets):
             normal = _constant(sheet.normal)
             height = dr.dot(point - _constant(sheet.point_m), normal)
             crosses = height * (height + dr.dot(leg.direction, normal) / leg.inverse_m) < 0
-            matter = (self._permittivity(frequency, index), dr.opaque(Float, sheet.thickness_m))
-            carried = _where(crosses, _behind(carried, leg, normal, *matter, wavenumber), carried)
+            behind = _behind(carried, leg, normal, self._transmissions[index], frequency)
+            carried = _where(crosses, behind, carried)
         box = self._surroundings.box
         if box is None or self._crossings == "none":
             return carried
-        last = len(self._surroundings.sheets)
-        matter = (self._permittivity(frequency, last), dr.opaque(Float, box.thickness_m))
         entry, leave = _box_crossings(point, leg, _constant(box.middle_min_m), _constant(box.middle_max_m))
         for crosses, normal in (leave,) if self._crossings == "leaving" else (entry, leave):
-            carried = _where(crosses, _behind(carried, leg, normal, *matter, wavenumber), carried)
+            behind = _behind(carried, leg, normal, self._transmissions[-1], frequency)
+            carried = _where(crosses, behind, carried)
         return carried
 
     def _amplitude_gain(self, leg: Leg) -> Any:
@@ -246,14 +230,16 @@ class Response:
         return dr.select(towards.z > 0, amplitude, 0.0)
 
 
-def _behind(
-    carried: _Field, leg: Leg, normal: Any, permittivity: Any, thickness_m: Any, wavenumber: Any
-) -> _Field:
+def _behind(carried: _Field, leg: Leg, normal: Any, tables: tuple[Float, Float], frequency: UInt32) -> _Field:
     """The field behind one wall."""
     cosine = dr.abs(dr.dot(leg.direction, normal))
-    wall = wall_coefficients(permittivity, thickness_m, cosine, wavenumber)
-    bent = refraction_factor(permittivity, thickness_m, cosine, leg.inverse_m, wavenumber)
-    return carried.through(leg.direction, normal, wall.transmit_s * bent, wall.transmit_p * bent)
+    through, bent = (_look_up(table, cosine, frequency) for table in tables)
+    turn = Complex2f(bent.w, -bent.z) * leg.inverse_m  # exp of a small number: 0.3 at most
+    factor = (1.0 - Complex2f(bent.x, bent.y) * leg.inverse_m) * (
+        1.0 + turn * (1.0 + turn * (0.5 + turn * (1.0 / 6.0)))
+    )
+    transmit_s, transmit_p = Complex2f(through.x, through.y), Complex2f(through.z, through.w)
+    return carried.through(leg.direction, normal, transmit_s * factor, transmit_p * factor)
 
 
 def _form_factor(legs: list[Leg], normal: Any, edges: Any, wavenumber: Any) -> Any:
@@ -343,21 +329,49 @@ def _constant(vector: Any) -> Any:
     return Array3f(*(dr.opaque(Float, float(value)) for value in vector))
 
 
-def _reflection_table(plan: ResponsePlan) -> Float:
+def _look_up(table: Float, cosine: Any, frequency: UInt32) -> Any:
+    """Four values at a cosine, linear between the entries of a table."""
+    place = cosine * (_COSINE_ENTRIES - 1)
+    below = dr.floor(dr.select(place < _COSINE_ENTRIES - 1.001, place, _COSINE_ENTRIES - 1.001))
+    row = frequency * _COSINE_ENTRIES + UInt32(below)
+    low, high = (dr.gather(Array4f, table, row + step) for step in (0, 1))
+    return low + (high - low) * (place - below)
+
+
+def _reflection_table(material: Material, frequencies_hz: NDArray[np.float64]) -> Float:
     """Gamma_s and Gamma_p over the cosine, a block of entries a frequency: real and imaginary parts in turn."""
-    material = plan.material
-    assert material.permittivity is not None
-    cosine = to_device(np.linspace(0.0, 1.0, _REFLECTION_ENTRIES))
     thickness = None if material.thickness_m is None else dr.opaque(Float, material.thickness_m)
     blocks = []
-    for frequency in plan.frequencies_hz:
-        value = material.permittivity.at(frequency)
-        permittivity = Complex2f(dr.opaque(Float, value.real), dr.opaque(Float, value.imag))
-        wavenumber = dr.opaque(Float, 2.0 * np.pi * float(frequency) / SPEED_OF_LIGHT_M_PER_S)
+    for cosine, permittivity, wavenumber in _table_axes(material, frequencies_hz):
         wall = wall_coefficients(permittivity, thickness, cosine, wavenumber)
-        sides = [side.numpy() for side in (wall.reflect_s, wall.reflect_p)]
-        blocks.append(np.stack([part for side in sides for part in (side.real, side.imag)], axis=1))
+        blocks.append(_columns(wall.reflect_s, wall.reflect_p))
     return to_device(np.concatenate(blocks))
+
+
+def _transmission_tables(wall: Material, frequencies_hz: NDArray[np.float64]) -> tuple[Float, Float]:
+    """The same of the transmission, s and p, and of both refraction terms."""
+    plane, bent = [], []
+    thickness = dr.opaque(Float, float(wall.thickness_m or 0.0))
+    for cosine, permittivity, wavenumber in _table_axes(wall, frequencies_hz):
+        through = wall_coefficients(permittivity, thickness, cosine, wavenumber)
+        plane.append(_columns(through.transmit_s, through.transmit_p))
+        bent.append(_columns(*refraction_terms(permittivity, thickness, cosine, wavenumber)))
+    return to_device(np.concatenate(plane)), to_device(np.concatenate(bent))
+
+
+def _table_axes(material: Material, frequencies_hz: NDArray[np.float64]) -> Iterator[tuple[Any, Any, Any]]:
+    """Cosines, permittivity and wave number of every block of a table."""
+    assert material.permittivity is not None
+    cosine = to_device(np.linspace(0.0, 1.0, _COSINE_ENTRIES))
+    for frequency in frequencies_hz:
+        value = material.permittivity.at(float(frequency))
+        permittivity = Complex2f(dr.opaque(Float, value.real), dr.opaque(Float, value.imag))
+        yield cosine, permittivity, dr.opaque(Float, 2.0 * np.pi * float(frequency) / SPEED_OF_LIGHT_M_PER_S)
+
+
+def _columns(*values: Any) -> NDArray[np.float32]:
+    parts = [value.numpy() for value in values]
+    return np.stack([part for value in parts for part in (value.real, value.imag)], axis=1)
 
 
 def _gain_tables(surroundings: Surroundings) -> list[Float]:
