@@ -13,6 +13,8 @@ from waveformer.simulator.validation_result import ComplexArray, FloatArray
 # For a plate of 4 cm seen at 25 degrees, 60 radians of phase from side to side; more nodes change it by 2e-8
 _PLATE_NODES = 28
 _LATERAL_NODES, _HEIGHT_NODES = 14, 6
+# A level sheet has all heights equal
+_MARGIN_M = 1e-6
 
 
 def plate_behind_sheet(
@@ -36,7 +38,7 @@ def plate_behind_sheet(
     area = np.outer(weight, weight).ravel() * (side_m / 2) ** 2
     tx, rx = (_Ways(antennas, points, sheet) for antennas in (aperture.tx_m, aperture.receivers_m))
     spans = [
-        (min(one.min(), other.min()), max(one.max(), other.max()))
+        (min(one.min(), other.min()) - _MARGIN_M, max(one.max(), other.max()) + _MARGIN_M)
         for one, other in ((tx.lateral, rx.lateral), (tx.height, rx.height))
     ]
     tx_at, rx_at = tx.between_nodes(spans), rx.between_nodes(spans)

@@ -8,9 +8,18 @@ import pytest
 from typer.testing import CliRunner
 
 from waveformer.cli import app
-from waveformer.simulator import forward, validation, validation_flat
+from waveformer.simulator import (
+    forward,
+    validation,
+    validation_box,
+    validation_flat,
+    validation_matter,
+    validation_radar,
+    validation_sheet,
+)
 from waveformer.simulator.closed_forms import point_scatterer
 from waveformer.simulator.errors import RadarError
+from waveformer.simulator.materials import Material
 from waveformer.simulator.validation import CheckResult, run_validation
 from waveformer.simulator.validation_curved import cylinder_physical_optics
 from waveformer.simulator.validation_report import (
@@ -164,9 +173,41 @@ def test_checks_notice_a_wrong_simulator(monkeypatch, mitsuba_variant, check, fa
     assert not all(found.passed for found in check(Trial("fast", quick=True, seed=0)))
 
 
+@pytest.mark.parametrize(
+    ("check", "seen"),
+    [
+        (validation_matter.lossy_sphere, "material"),
+        (validation_matter.thin_wall, "material"),
+        (validation_matter.named_materials, "material"),
+        (validation_matter.oblique_reflection, "material"),
+        (validation_matter.rough_surface, "material"),
+        (validation_sheet.sheet_transmission, "sheets"),
+        (validation_sheet.sheet_under_aperture, "sheets"),
+        (validation_sheet.sheet_own_echo, "sheets"),
+        (validation_box.box_of_nothing, "box"),
+        (validation_box.sphere_in_box, "box"),
+        (validation_box.box_walls, "box"),
+        (validation_radar.antenna_pattern, "antenna"),
+        (validation_radar.iq_image, "front_end"),
+    ],
+)
+def test_checks_notice_wrong_matter(monkeypatch, mitsuba_variant, check, seen):
+    """Half a decibel too much wherever there is matter, a sheet, a box, a pattern; an image in I and Q."""
+    right = forward.simulate
+
+    def wrong(target, *args, **how):
+        measured = right(target, *args, **how)
+        applies = seen in how or (seen == "material" and target.material != Material.pec())
+        h = measured.h * 1.06 + (0.01 * measured.h.conj() if seen == "front_end" else 0)
+        return SimpleNamespace(h=h) if applies else measured
+
+    monkeypatch.setattr(forward, "simulate", wrong)
+    assert not all(found.passed for found in check(Trial("fast", quick=True, seed=0)))
+
+
 def test_quick_validation_passes():
     lines = []
     results = run_validation(quick=True, modes=("fast",), progress=lines.append)
     assert not [f"{r.name}: {r.quantity} = {r.measured:.3g} {r.unit}" for r in results if not r.passed]
-    assert len(results) >= 18 and len(lines) >= 12
-    assert sum(r.seconds for r in results) < 120  # about 20 s on two idle cores
+    assert len(results) >= 42 and len(lines) >= 30
+    assert sum(r.seconds for r in results) < 120  # both modes take 40 s at most on two idle cores
