@@ -8,10 +8,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from waveformer.cli import app
-from waveformer.simulator import Image, Measurement, primitives
+from waveformer.simulator import Image, Measurement, load_scene, primitives
+from waveformer.simulator.permittivity import PERMITTIVITIES
+from waveformer.simulator.slab import fresnel_reflection
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -48,6 +51,31 @@ def test_shell_example(tmp_path):
         assert program == "waveformer"
         run([sys.executable, "-m", "waveformer", *arguments], tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {"mesh.ply", "scan.zarr", "image.zarr", "view.html"}
+
+
+def test_scene_of_the_docs(tmp_path, mitsuba_variant):
+    page = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")
+    (text,) = re.findall(r"^```xml\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    (tmp_path / "scene.xml").write_text(text)
+    scene = load_scene(tmp_path / "scene.xml")
+    assert [target.material.name for target in scene.targets] == ["abs", "pec"]
+    assert [sheet.echo for sheet in scene.sheets] == [True]
+    assert scene.box is not None
+
+
+def test_materials_of_the_docs():
+    """The table names every material, with its permittivity and its echo at 79 GHz, as rounded there."""
+    page = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (`.*?`) \| ([\d.]+) \| (\S+) \| (\S+) dB \|", page, re.MULTILINE)
+    named = {name: numbers for names, *numbers in rows for name in re.findall(r"`(\w+)`", names)}
+    assert named.keys() == PERMITTIVITIES.keys()
+    for name, (real, loss, echo_db) in named.items():
+        value = PERMITTIVITIES[name].at(79e9)
+        assert value.real == pytest.approx(float(real), abs=0.0051)
+        if name != "metal":
+            assert -value.imag == pytest.approx(float(loss), abs=0.0051)
+        reflected_db = 20 * np.log10(abs(fresnel_reflection(value, 1.0).s))
+        assert reflected_db == pytest.approx(float(echo_db.replace("−", "-")), abs=0.051)
 
 
 def test_examples_compile():
