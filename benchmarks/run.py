@@ -28,10 +28,13 @@ PROGRAMS = (
     ("forward_kernel", 1, 1),
     ("imaging_kernel", 1, 1),
     ("exact_mode", 1, 1),
+    ("real_scenes", 2, 1),
+    ("streaming", 2, 1),
 )
 RATE_TARGETS = {"forward kernel": 180e6, "imaging": 230e6}
 RATIO_TARGETS = {"forward_kernel": 15, "imaging_kernel": 20}
 WALL_TARGET_S, MEMORY_TARGET_BYTES = 2.0, 0.5e9
+STREAM_WALL_TARGET_S, STREAM_MEMORY_TARGET_BYTES = 90.0, 2e9
 
 
 def run_program(name: str, threads: int, blas_threads: int, quick: bool) -> list[dict[str, Any]]:
@@ -105,8 +108,35 @@ def whole_table(rows: list[dict[str, Any]]) -> list[str]:
     return lines
 
 
+def scene_table(rows: list[dict[str, Any]]) -> list[str]:
+    """The table of scenes with matter in them."""
+    lines = [
+        "| whole simulation, 2 threads | wall time | processor time | over the conductor |",
+        "|---|---|---|---|",
+    ]
+    for row in rows:
+        cells = [row["name"], f"{row['scene_wall_s']:.1f} s", f"{row['scene_cpu_s']:.1f} s"]
+        lines.append("| " + " | ".join([*cells, f"{row['over_conductor']:.1f} ×"]) + " |")
+    return lines
+
+
+def stream_table(rows: list[dict[str, Any]]) -> list[str]:
+    """The table of scans written to disk."""
+    lines = [
+        "| streamed by 2 worker processes | wall time | positions per second | peak memory, all processes |",
+        "|---|---|---|---|",
+    ]
+    for row in rows:
+        wall = f"{row['stream_wall_s']:.0f} s (target ≤ {STREAM_WALL_TARGET_S:.0f} s)"
+        memory = (
+            f"{row['stream_peak_bytes'] / 1e9:.2f} GB (target ≤ {STREAM_MEMORY_TARGET_BYTES / 1e9:.0f} GB)"
+        )
+        lines.append(f"| {row['name']} | {wall} | {row['positions_per_s']:,.0f} | {memory} |")
+    return lines
+
+
 def markdown(result: dict[str, Any]) -> str:
-    """The results as two tables."""
+    """The results as tables."""
     rows = result["rows"]
     before, after = result["load_average"]
     lines = [f"{result['machine']}; load average {before:.1f} before, {after:.1f} after."]
@@ -121,6 +151,9 @@ def markdown(result: dict[str, Any]) -> str:
     whole = [row for row in rows if "wall_s" in row]
     if whole:
         lines += ["", *whole_table(whole)]
+    for key, table in (("scene_wall_s", scene_table), ("stream_wall_s", stream_table)):
+        if chosen := [row for row in rows if key in row]:
+            lines += ["", *table(chosen)]
     return "\n".join(lines)
 
 
