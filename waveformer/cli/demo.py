@@ -22,7 +22,7 @@ _RANGE_M = 0.4
 _SPACING_M = 0.003
 _NUM_SAMPLES = 256
 # 14 x 14 cm. At this pitch the grating lobes of the hammer's head lie outside the box.
-_APERTURE = {"num_x": 60, "num_y": 60, "spacing_m": 0.0024}
+_APERTURE: dict[str, Any] = {"num_x": 60, "num_y": 60, "spacing_m": 0.0024}
 _TOLERANCE_DEG = 5.0
 _DARK_DB = -20.0
 # Turned so that neither a flat side nor an axis lies parallel to the aperture.
