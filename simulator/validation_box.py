@@ -54,6 +54,8 @@ def box_of_nothing(trial: Trial) -> Iterator[CheckResult]:
 
 def sphere_in_box(trial: Trial) -> Iterator[CheckResult]:
     """A sphere in a cardboard box keeps its level, less the slab's loss, once the walls are gated out in range."""
+    if trial.quick and trial.mode == "exact":
+        return
     radius, depth, thickness = 0.03, 0.53, 5e-3
     count = trial.pick(9, 5, 3)
     antennas = np.column_stack([np.linspace(-0.06, 0.06, count), np.zeros((count, 2))])

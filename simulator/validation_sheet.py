@@ -70,6 +70,8 @@ def sheet_transmission(trial: Trial) -> Iterator[CheckResult]:
 
 def sheet_under_aperture(trial: Trial) -> Iterator[CheckResult]:
     """A plate behind a slanted sheet, scanned with four receivers: one at a time may be right and a scan wrong."""
+    if trial.quick and trial.mode == "exact":
+        return
     side, depth, chirp = 0.04, -0.35, Chirp(MITO_BAND.start_hz, MITO_BAND.bandwidth_hz, 16)
     count = trial.pick(24, 16, 6)
     aperture = with_receivers(Aperture.planar_grid(count, count, 0.16 / count), "mito")
