@@ -47,7 +47,8 @@ def simulate_to_store(
     Args:
         targets, chirp, aperture: as in `simulate`.
         path: of the store.
-        workers: processes, each with one thread; None takes one a processor core.
+        workers: processes, each with one thread; None takes as many as ``WAVEFORMER_THREADS`` says, else one a
+            processor core that this process may use.
         overwrite: replace an existing store.
         resume: go on with an interrupted run of the same scene.
         metadata: JSON values kept with the scan.
@@ -63,14 +64,19 @@ def simulate_to_store(
     model = ForwardModel.prepare(
         targets, chirp, aperture, **scene
     )  # every refusal comes before the first block
-    inputs = {"model": model.fingerprint()}
     with StreamWriter.open(
-        path, chirp, aperture, inputs, block_positions=BLOCK_POSITIONS, overwrite=overwrite, resume=resume
+        path,
+        chirp,
+        aperture,
+        model.fingerprint(),
+        block_positions=BLOCK_POSITIONS,
+        overwrite=overwrite,
+        resume=resume,
     ) as writer:
         missing = writer.missing_blocks()
         done = len(aperture) - sum(rows.stop - rows.start for rows in missing)
         arguments = pickle.dumps(replace(model, scene=None))
-        for rows, h in _computed(arguments, missing, min(workers or os.cpu_count() or 1, len(missing))):
+        for rows, h in _computed(arguments, missing, min(workers or _default_workers(), len(missing))):
             writer.write(rows.start, h)
             done += rows.stop - rows.start
             if progress is not None:
@@ -78,6 +84,12 @@ def simulate_to_store(
         writer.finish(
             range_bias_m=model.front_end.range_bias_m, metadata={**model.describe(), **(metadata or {})}
         )
+
+
+def _default_workers() -> int:
+    if asked := os.environ.get(THREADS_VARIABLE, ""):
+        return max(1, int(asked)) if asked.isdigit() else 1
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _computed(

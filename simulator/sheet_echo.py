@@ -45,7 +45,7 @@ def sheet_echo(
     mirror_point = tx + (height_tx / (height_tx + height_rx))[:, None] * (image - tx)
     others = replace(surroundings, sheets=tuple(s for s in surroundings.sheets if s is not sheet))
     bounds = np.array([mirror_point.min(axis=0), mirror_point.max(axis=0)])
-    plan = plan_response(sheet.material, others, "any", chirp, tolerance, bounds, tx)
+    plan = plan_response(sheet.material, others, "any", chirp, tolerance, bounds, np.concatenate([tx, rx]))
     weights = [
         pair_response(sheet.material, others, "any", None, float(f), mirror_point, normal, tx, rx)
         for f in plan.frequencies_hz

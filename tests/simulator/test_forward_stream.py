@@ -112,8 +112,12 @@ def test_another_scene_does_not_go_on_with_an_interrupted_scan(tmp_path: Path) -
     with pytest.raises(Stop):
         simulate_to_store(ball(), CHIRP, APERTURE, path, workers=1, front_end=FRONT_END, progress=stop)
     box = Box((-0.1, -0.1, -0.4), (0.1, 0.1, -0.2), 0.004, "cardboard")
-    for other in ({"seed": 1}, {"box": box}, {"front_end": None}):
-        with pytest.raises(StoreError, match="different model"):
+    for other, name in (
+        ({"seed": 1}, "seed"),
+        ({"box": box}, "surroundings"),
+        ({"front_end": None}, "front_end"),
+    ):
+        with pytest.raises(StoreError, match=f"different .*{name}"):
             simulate_to_store(ball(), CHIRP, APERTURE, path, resume=True, **{"front_end": FRONT_END, **other})
 
 

@@ -119,6 +119,11 @@ def test_three_objects_in_a_cardboard_box(tmp_path: Path) -> None:
         Box((-0.15, -0.12, -0.5), (0.15, 0.12, -0.3), 0.004, "cardboard"),
     )
     assert_same(load_scene(path), python)
+    radar = Chirp(77e9, 4e9, 16), Aperture.planar_grid(3, 2, 0.01)
+    signal = simulate(path, *radar).h
+    built = simulate(python.targets, *radar, sheets=python.sheets, box=python.box).h
+    # asked 1e-6
+    assert np.abs(signal - built).max() <= 1e-6 * np.abs(built).max()
     # and Mitsuba renders the same file
     import mitsuba as mi
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 def validate(
     quick: Annotated[
-        bool, typer.Option("--quick", help="A subset, under half a minute on two cores.")
+        bool, typer.Option("--quick", help="A subset, about half a minute on two cores.")
     ] = False,
     out: Annotated[
         Path | None,
