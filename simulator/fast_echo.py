@@ -136,7 +136,7 @@ def sum_batches(
         spectrum = packed[:, used] @ plan.ranges.to_samples[used]
         spectrum *= reference_phase(chirp, aperture, tile.rows, plan.ranges.center_m)
         if source.response is not None:
-            spectrum *= source.response.to_samples[work.frequency].astype(np.float32)
+            spectrum *= source.response.to_samples[work.frequency].astype(np.complex64)
         add(tile.rows, spectrum)
 
     # Always one step behind: NumPy works on what is ready while the device threads work on what comes next.

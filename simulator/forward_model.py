@@ -34,9 +34,8 @@ from waveformer.simulator.target import as_targets, rotate
 # Rows of H computed together, whether they stay in memory or are written as they come.
 BLOCK_POSITIONS = 16384
 _REFERENCE_POSITIONS = 2048
-# Interpolation of a box's own echo. With its pieces it makes 0.8 % of that echo; 5e-3 would make 0.5 % in twice
-# the time, for what is gated out where the object matters.
-_WALL_TOLERANCE = 2e-2
+# Interpolation of a box's own echo: as good as its pieces are, and the echo is gated out where the object matters.
+_WALL_TOLERANCE = 5e-3
 
 Progress = Callable[[int, int], None]
 Accumulate = Callable[[NDArray[np.int64], NDArray[np.complex64]], None]

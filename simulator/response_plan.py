@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import Literal
 
@@ -54,7 +55,7 @@ class ResponsePlan:
     surroundings: Surroundings
     crossings: Crossings
     frequencies_hz: NDArray[np.float64]
-    to_samples: NDArray[np.float64]
+    to_samples: NDArray[np.complex128] | NDArray[np.float64]
     phase_per_radian: float
     facet_m: NDArray[np.float64] | None = None
 
@@ -80,7 +81,8 @@ def plan_response(
 ) -> ResponsePlan:
     """The fewest Chebyshev frequencies that interpolate W over the band.
 
-    Judged over the angles that occur: of the ways through each wall from the bounding boxes of target and antennas,
+    What is interpolated is W over its spectrum S at one angle, where that helps: W(f) = S(f) sum_m L_m(f) W(f_m) / S(f_m)
+    is exact at that angle, and the ripple of a slab changes little from angle to angle. Judged over the angles that occur: of the ways through each wall from the bounding boxes of target and antennas,
     and of incidence on the target over all angles, weighed with the cosine as the echo is.
 
     Args:
@@ -99,14 +101,22 @@ def plan_response(
     unit_probes = np.linspace(-1.0, 1.0, _BAND_PROBES)
     at_probes = factor(unit_probes)
     largest = np.abs(at_probes).max()
-    for count in range(1, _MAX_FREQUENCIES + 1):
-        unit = chebyshev_points(count)
-        error = np.abs(np.tensordot(lagrange_weights(unit, unit_probes), factor(unit), axes=1) - at_probes)
-        if error.max() <= tolerance * largest:
-            break
     samples = (chirp.frequencies_hz - chirp.center_hz) / half_band
+    at_samples = factor(samples)
+    # the spectrum of normal incidence, of a middle angle, or none
+    references = [*(angle for angle in (0, _ANGLE_PROBES // 3) if _divides(at_probes[:, 0, angle, 0])), None]
+    for count, reference in itertools.product(range(1, _MAX_FREQUENCIES + 1), references):
+        unit = chebyshev_points(count)
+        at_nodes = factor(unit)
+        spectra = [
+            np.ones(len(part)) if reference is None else part[:, 0, reference, 0]
+            for part in (at_probes, at_nodes, at_samples)
+        ]
+        weights = lagrange_weights(unit, unit_probes) * spectra[0][:, None] / spectra[1]
+        if np.abs(np.tensordot(weights, at_nodes, axes=1) - at_probes).max() <= tolerance * largest:
+            break
     # of W itself, not of its phase, which jumps where W passes through zero
-    change = np.abs(np.diff(at_probes, axis=1)).max() / (np.pi / 2 / (_ANGLE_PROBES - 1))
+    change = np.abs(np.diff(at_probes, axis=2)).max() / (np.pi / 2 / (_ANGLE_PROBES - 1))
     slope = float(change / largest) if largest > 0 else 0.0
     if facet_m is not None:  # the form factor turns by its half width, for both ways
         slope += 2.0 * np.pi * chirp.center_hz / SPEED_OF_LIGHT_M_PER_S * float(np.linalg.norm(facet_m))
@@ -115,10 +125,15 @@ def plan_response(
         surroundings,
         crossings,
         chirp.center_hz + half_band * unit,
-        lagrange_weights(unit, samples).T,
+        (lagrange_weights(unit, samples) * spectra[2][:, None] / spectra[1]).T,
         slope,
         facet_m,
     )
+
+
+def _divides(spectrum: NDArray[np.complex128]) -> bool:
+    """Whether a spectrum is far from zero over the band."""
+    return bool(np.abs(spectrum).min() > 0.2 * np.abs(spectrum).max())
 
 
 def _widest_angles(
@@ -155,24 +170,28 @@ def _factor(
     widest_rad: list[float],
     frequencies_hz: NDArray[np.float64],
 ) -> NDArray[np.complex128]:
-    """W cos over the band, (F, angles, 2) for s and p: all angles go from zero to their largest together."""
-    steps = np.linspace(0.0, 1.0, _ANGLE_PROBES)
-    cosine = np.cos(steps * _STEEPEST_RAD)
-    total = np.ones((len(frequencies_hz), len(cosine), 2), dtype=np.complex128)
+    """W cos over the band for s and p, (F, 2, angles, 2).
+
+    First the ways through the walls turn from zero to their largest angle while the surface is hit at normal
+    incidence, then the other way round.
+    """
+    steps, still = np.linspace(0.0, 1.0, _ANGLE_PROBES), np.zeros(_ANGLE_PROBES)
+    cosine = np.cos(np.stack([still, steps]) * _STEEPEST_RAD)
+    total = np.ones((len(frequencies_hz), *cosine.shape, 2), dtype=np.complex128)
     walls = [sheet.material for sheet in surroundings.sheets]
     if surroundings.box is not None and crossings != "none":
         walls.append(surroundings.box.material)
     for row, frequency in enumerate(frequencies_hz):
-        total[row] *= (cosine * coherent_loss(material.roughness_m, cosine, frequency))[:, None]
+        total[row] *= (cosine * coherent_loss(material.roughness_m, cosine, frequency))[..., None]
         if facet_m is not None:
             cycles = 2.0 * frequency / SPEED_OF_LIGHT_M_PER_S * facet_m.max() * np.sqrt(1.0 - cosine**2)
-            total[row] *= np.sinc(cycles)[:, None]
+            total[row] *= np.sinc(cycles)[..., None]
         total[row] *= np.stack(wall_reflection(material, cosine, float(frequency)), axis=-1)
         for wall, widest in zip(walls, widest_rad, strict=True):
-            through = wall_transmission(wall, np.cos(steps * widest), None, float(frequency))
-            total[row] *= np.stack(through, axis=-1) ** 2
-        if crossings == "any" and surroundings.box is not None:
-            total[row] *= np.stack(through, axis=-1) ** 2
+            angles = np.cos(np.stack([steps, still]) * widest)
+            through = wall_transmission(wall, angles, None, float(frequency))
+            times = 4 if crossings == "any" and wall is walls[-1] and surroundings.box is not None else 2
+            total[row] *= np.stack(through, axis=-1) ** times
     return total
 
 
