@@ -71,9 +71,10 @@ PERMITTIVITIES: dict[str, Permittivity] = {
     # the loss tangent: Zhao et al., J. Opt. Soc. Am. B 19 (2002) 1476
     "foam": Permittivity.constant(1.04 - 0.0018j),
     # Silicone rubber (PDMS), 40 GHz, loss tangent 0.048: Sharma, Gupta, Dankov, AEU Int. J. Electron. Commun.
-    # 127 (2020) 153455
+    # 127 (2020) 153455; the abstract was read, not the tables
     "rubber": Permittivity.constant(2.64 - 0.127j),
-    # Alumina, loss tangent 0.0005, typical value for 77 GHz radar covers: Texas Instruments SWRA705 (2021)
+    # Alumina, loss tangent 0.0005, typical value for 77 GHz radar covers: Texas Instruments SWRA705 (2021), quoted
+    # without its table at hand
     "ceramic": Permittivity.constant(9.8 - 0.0049j),
 }
 

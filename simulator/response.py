@@ -4,32 +4,32 @@ The complex factor W of one pair of sample and antenna,
 
     h = (j / 4 pi) sum W V (cos_i + cos_r) / 2 dA / (R_tx R_rx) exp(-j k (R_tx + R_rx)),
 
-with W = Gamma of the surface (times the form factor of a flat rectangular sample), times the transmission of every sheet and wall that the two ways cross, times the
-amplitude gains of both antennas. Its NumPy float64 twin is `reference_response`.
+with W = Gamma of the surface (times the form factor of a flat rectangular sample), times the transmission of
+every sheet and wall that the two ways cross, times the amplitude gains of both antennas. Its NumPy float64 twin is `reference_response`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import drjit as dr
 import numpy as np
-from drjit.llvm.ad import Array3f, Array4f, Complex2f, Float, UInt32
-from numpy.typing import NDArray
+from drjit.llvm.ad import Array3f, Complex2f, Float, UInt32
 
 from waveformer.simulator.device import to_device
-from waveformer.simulator.echo_terms import Leg, phasor, straight_leg
-from waveformer.simulator.materials import Material
+from waveformer.simulator.echo_terms import Leg, straight_leg
+from waveformer.simulator.form_factor import rectangle_form_factor
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S
-from waveformer.simulator.reflection import coherent_loss, refraction_terms, wall_coefficients
+from waveformer.simulator.reflection import coherent_loss
 from waveformer.simulator.response_plan import ResponsePlan
-from waveformer.simulator.surroundings import Surroundings
+from waveformer.simulator.response_tables import (
+    GAIN_ENTRIES,
+    gain_tables,
+    look_up,
+    reflection_table,
+    transmission_tables,
+)
 
-# Entries of an antenna's table over sin(angle): a step of 0.1 degrees at broadside.
-_GAIN_ENTRIES = 1025
-# Entries of a material's table over the cosine: a wall of 10 mm turns by 0.02 rad between two, linear to 4e-5.
-_COSINE_ENTRIES = 2049
 # Differences of the path factor: the centre and a step along each axis.
 _STENCIL, _STEP_M = 4, 1e-3
 
@@ -79,12 +79,10 @@ class Response:
         if surroundings.box is not None:
             walls.append(surroundings.box.material)
         self._wavenumbers = to_device(2.0 * np.pi * plan.frequencies_hz / SPEED_OF_LIGHT_M_PER_S)
-        self._reflections = (
-            None if material.is_conductor else _reflection_table(material, plan.frequencies_hz)
-        )
-        self._transmissions = [_transmission_tables(wall, plan.frequencies_hz) for wall in walls]
+        self._reflections = None if material.is_conductor else reflection_table(material, plan.frequencies_hz)
+        self._transmissions = [transmission_tables(wall, plan.frequencies_hz) for wall in walls]
         self._polarization = _constant(surroundings.polarization)
-        self._gain = None if surroundings.antenna.is_isotropic else _gain_tables(surroundings)
+        self._gain = None if surroundings.antenna.is_isotropic else gain_tables(surroundings)
         broadside = surroundings.antenna.amplitude(np.array([0.0, 0.0, 1.0]))
         self._broadside = dr.opaque(Float, float(broadside))
 
@@ -103,7 +101,7 @@ class Response:
         wavenumber = dr.gather(Float, self._wavenumbers, frequency)
         weight = self._reflection(legs, cosine, normal, wavenumber, frequency)
         if self._facet is not None:
-            weight = weight * _form_factor(legs, normal, self._facet, wavenumber)
+            weight = weight * rectangle_form_factor(legs, normal, self._facet, wavenumber)
         return weight
 
     def path(self, point: Any, legs: list[Leg], frequency: UInt32) -> Any:
@@ -181,7 +179,7 @@ class Response:
             part = dr.dot(field, _unit_or_zero(dr.cross(way.direction, normal)))
             shares.append(part * part)
         share_s = shares[0] if len(shares) == 1 else 0.5 * (shares[0] + shares[1])
-        both = _look_up(self._reflections, cosine, frequency)
+        both = look_up(self._reflections, cosine, frequency)
         real, imaginary = both.z + (both.x - both.z) * share_s, both.w + (both.y - both.w) * share_s
         return Complex2f(real * loss, imaginary * loss)
 
@@ -222,8 +220,8 @@ class Response:
         amplitude = dr.rcp(self._broadside)
         for table, component in zip(self._gain, (towards.x, towards.y), strict=True):
             sine = component * dr.rsqrt(component * component + towards.z * towards.z)
-            place = (sine + 1.0) * (0.5 * (_GAIN_ENTRIES - 1))
-            below = dr.floor(dr.select(place < _GAIN_ENTRIES - 1.001, place, _GAIN_ENTRIES - 1.001))
+            place = (sine + 1.0) * (0.5 * (GAIN_ENTRIES - 1))
+            below = dr.floor(dr.select(place < GAIN_ENTRIES - 1.001, place, GAIN_ENTRIES - 1.001))
             part = place - below
             low, high = (dr.gather(Float, table, UInt32(below) + step) for step in (0, 1))
             amplitude = amplitude * (low + part * (high - low))
@@ -233,54 +231,13 @@ class Response:
 def _behind(carried: _Field, leg: Leg, normal: Any, tables: tuple[Float, Float], frequency: UInt32) -> _Field:
     """The field behind one wall."""
     cosine = dr.abs(dr.dot(leg.direction, normal))
-    through, bent = (_look_up(table, cosine, frequency) for table in tables)
+    through, bent = (look_up(table, cosine, frequency) for table in tables)
     turn = Complex2f(bent.w, -bent.z) * leg.inverse_m  # exp of a small number: 0.3 at most
     factor = (1.0 - Complex2f(bent.x, bent.y) * leg.inverse_m) * (
         1.0 + turn * (1.0 + turn * (0.5 + turn * (1.0 / 6.0)))
     )
     transmit_s, transmit_p = Complex2f(through.x, through.y), Complex2f(through.z, through.w)
     return carried.through(leg.direction, normal, transmit_s * factor, transmit_p * factor)
-
-
-def _form_factor(legs: list[Leg], normal: Any, edges: Any, wavenumber: Any) -> Any:
-    """Mean of amplitude and phase over a rectangle along the axes, over their values in the middle.
-
-    Along an axis with phase a over half the edge L, relative slope g of cos / (R_tx R_rx) and curvature
-    b = -k sum (1 - u^2) / 2R of both ways, the mean of (1 + g x) exp(j (2 a x / L + b x^2)) is to first order in g and b
-
-        S + j g L / 2 D + j b L^2 / 4 (S (1 - 2 / a^2) + 2 cos(a) / a^2),  S = sin(a) / a,  D = (S - cos(a)) / a,
-
-    and the mixed curvature adds a product of both axes' D. Without these terms pieces as wide as a wavelength make a
-    false mirror where the phases of neighbours differ by a turn.
-    """
-    both = (legs[0], legs[-1])
-    factor, slopes, mixed = Complex2f(1.0, 0.0), Complex2f(1.0, 0.0), Float(0.0)
-    axes = range(3)
-    inside = [1.0 - dr.abs(normal[axis]) for axis in axes]
-    for axis in axes:
-        edge = edges[axis] * inside[axis]
-        half = 0.5 * wavenumber * edge * (both[0].direction[axis] + both[1].direction[axis])
-        cosine, sine = phasor(half * (0.5 / np.pi))
-        small = dr.abs(half) < 0.2
-        square = half * half
-        inverse = dr.rcp(dr.select(small, 1.0, half))
-        even = dr.select(small, 1.0 - square / 6.0, sine * inverse)
-        odd = dr.select(small, half * (1.0 / 3.0 - square / 30.0), (even - cosine) * inverse)
-        bent = dr.select(small, 1.0 / 3.0 - square / 10.0, even - 2.0 * odd * inverse)
-        sagitta, growth = Float(0.0), Float(0.0)
-        for way in both:
-            along = way.direction[axis]
-            sagitta = sagitta + (1.0 - along * along) * way.inverse_m
-            growth = growth + 1.5 * along * way.inverse_m
-            others = way.direction[(axis + 1) % 3] * inside[(axis + 1) % 3] * inside[axis]
-            mixed = mixed + along * others * way.inverse_m
-        imaginary = bent * sagitta * edge * edge * wavenumber * (-0.125) + growth * odd * edge * 0.5
-        factor = factor * Complex2f(even, imaginary)
-        # along the normal there is no edge
-        slopes = slopes * dr.select(
-            inside[axis] > 0.5, Complex2f(0.0, 0.5) * (edge * odd), Complex2f(1.0, 0.0)
-        )
-    return factor + Complex2f(0.0, 1.0) * slopes * (mixed * wavenumber)
 
 
 def _box_crossings(point: Any, leg: Leg, low: Any, high: Any) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
@@ -327,55 +284,3 @@ def _unit_or_zero(vector: Any) -> Any:
 
 def _constant(vector: Any) -> Any:
     return Array3f(*(dr.opaque(Float, float(value)) for value in vector))
-
-
-def _look_up(table: Float, cosine: Any, frequency: UInt32) -> Any:
-    """Four values at a cosine, linear between the entries of a table."""
-    place = cosine * (_COSINE_ENTRIES - 1)
-    below = dr.floor(dr.select(place < _COSINE_ENTRIES - 1.001, place, _COSINE_ENTRIES - 1.001))
-    row = frequency * _COSINE_ENTRIES + UInt32(below)
-    low, high = (dr.gather(Array4f, table, row + step) for step in (0, 1))
-    return low + (high - low) * (place - below)
-
-
-def _reflection_table(material: Material, frequencies_hz: NDArray[np.float64]) -> Float:
-    """Gamma_s and Gamma_p over the cosine, a block of entries a frequency: real and imaginary parts in turn."""
-    thickness = None if material.thickness_m is None else dr.opaque(Float, material.thickness_m)
-    blocks = []
-    for cosine, permittivity, wavenumber in _table_axes(material, frequencies_hz):
-        wall = wall_coefficients(permittivity, thickness, cosine, wavenumber)
-        blocks.append(_columns(wall.reflect_s, wall.reflect_p))
-    return to_device(np.concatenate(blocks))
-
-
-def _transmission_tables(wall: Material, frequencies_hz: NDArray[np.float64]) -> tuple[Float, Float]:
-    """The same of the transmission, s and p, and of both refraction terms."""
-    plane, bent = [], []
-    thickness = dr.opaque(Float, float(wall.thickness_m or 0.0))
-    for cosine, permittivity, wavenumber in _table_axes(wall, frequencies_hz):
-        through = wall_coefficients(permittivity, thickness, cosine, wavenumber)
-        plane.append(_columns(through.transmit_s, through.transmit_p))
-        bent.append(_columns(*refraction_terms(permittivity, thickness, cosine, wavenumber)))
-    return to_device(np.concatenate(plane)), to_device(np.concatenate(bent))
-
-
-def _table_axes(material: Material, frequencies_hz: NDArray[np.float64]) -> Iterator[tuple[Any, Any, Any]]:
-    """Cosines, permittivity and wave number of every block of a table."""
-    assert material.permittivity is not None
-    cosine = to_device(np.linspace(0.0, 1.0, _COSINE_ENTRIES))
-    for frequency in frequencies_hz:
-        value = material.permittivity.at(float(frequency))
-        permittivity = Complex2f(dr.opaque(Float, value.real), dr.opaque(Float, value.imag))
-        yield cosine, permittivity, dr.opaque(Float, 2.0 * np.pi * float(frequency) / SPEED_OF_LIGHT_M_PER_S)
-
-
-def _columns(*values: Any) -> NDArray[np.float32]:
-    parts = [value.numpy() for value in values]
-    return np.stack([part for value in parts for part in (value.real, value.imag)], axis=1)
-
-
-def _gain_tables(surroundings: Surroundings) -> list[Float]:
-    sine = np.linspace(-1.0, 1.0, _GAIN_ENTRIES)
-    cosine, nothing = np.sqrt(1.0 - sine**2), np.zeros_like(sine)
-    planes = ((sine, nothing, cosine), (nothing, sine, cosine))
-    return [to_device(surroundings.antenna.amplitude(np.stack(plane, axis=-1))) for plane in planes]
