@@ -132,17 +132,15 @@ class ForwardModel:
         )  # fmt: skip
 
     def reference_power(self) -> float | None:
-        """The signal that `FrontEnd.snr_db` refers to: the median over all rows, or over an even choice of them.
+        """The signal that `FrontEnd.snr_db` refers to, if it must be known before the first block.
 
-        All rows where they are summed in one block anyway, 2048 otherwise: summing all of them first would double
-        the work.
+        The median over 2048 evenly chosen rows: summing all of them first would double the work. None where one
+        block holds all rows and `apply_front_end` takes their median itself.
         """
-        if self.front_end.snr_db is None:
-            return None
         count = len(self.antennas)
-        chosen = np.arange(count)
-        if count > BLOCK_POSITIONS:
-            chosen = np.linspace(0, count - 1, _REFERENCE_POSITIONS).astype(np.int64)
+        if self.front_end.snr_db is None or count <= BLOCK_POSITIONS:
+            return None
+        chosen = np.linspace(0, count - 1, _REFERENCE_POSITIONS).astype(np.int64)
         return float(np.median(signal_power(self.echo(self._pairs(chosen)))))
 
     def _pairs(self, rows: slice | NDArray[np.int64]) -> Aperture:

@@ -9,6 +9,7 @@ from waveformer.simulator.antenna import Antenna
 from waveformer.simulator.errors import RadarError
 from waveformer.simulator.front_end_settings import Leakage, RoomClutter, TableClutter
 from waveformer.simulator.front_end_streams import generator
+from waveformer.simulator.plane_image import heights_over, way_by_plane
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Aperture, Chirp
 
 _BLOCK_ROWS = 256
@@ -25,13 +26,10 @@ def table_echo(
         RadarError: the plane does not lie below the antennas.
     """
     tx, rx = aperture.tx_m, aperture.receivers_m
-    down, up = tx[:, 2] - table.z_m, rx[:, 2] - table.z_m
-    if min(down.min(), up.min()) <= 0:
+    point, normal = np.array([0.0, 0.0, table.z_m]), np.array([0.0, 0.0, 1.0])
+    if min(heights_over(antennas, point, normal).min() for antennas in (tx, rx)) <= 0:
         raise RadarError(f"table at z = {table.z_m:g} m must lie below the antennas, which look down")
-    image = tx * [1, 1, -1] + [0, 0, 2 * table.z_m]
-    path = np.linalg.norm(rx - image, axis=1)
-    mirror_point = tx + (rx - tx) * (down / (down + up))[:, None]
-    mirror_point[:, 2] = table.z_m
+    path, mirror_point = way_by_plane(tx, rx, point, normal)
     gains = antenna.amplitude(tx - mirror_point) * antenna.amplitude(rx - mirror_point)
     strength = table.reflection * gains / (4 * np.pi * path)
     return _delayed_sum(strength[:, None], path[:, None], chirp, chirp.wavelengths_m)

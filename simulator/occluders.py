@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from waveformer.simulator.errors import RadarError
 from waveformer.simulator.materials import Material
+from waveformer.simulator.radar import finite_vector
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +35,8 @@ class Sheet:
     echo: bool = False
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "point_m", _vector("sheet point_m", self.point_m))
-        normal = _vector("sheet normal", self.normal)
+        object.__setattr__(self, "point_m", finite_vector("sheet point_m", self.point_m))
+        normal = finite_vector("sheet normal", self.normal)
         if not np.linalg.norm(normal) > 0:
             raise RadarError("sheet normal must not be the zero vector")
         object.__setattr__(self, "normal", normal / np.linalg.norm(normal))
@@ -73,7 +74,7 @@ class Box:
     permittivity: complex | str
 
     def __post_init__(self) -> None:
-        low, high = _vector("box min_m", self.min_m), _vector("box max_m", self.max_m)
+        low, high = finite_vector("box min_m", self.min_m), finite_vector("box max_m", self.max_m)
         object.__setattr__(self, "min_m", low)
         object.__setattr__(self, "max_m", high)
         object.__setattr__(self, "thickness_m", _thickness("box", self.thickness_m))
@@ -121,14 +122,3 @@ def _thickness(kind: str, value: Any) -> float:
     if not (math.isfinite(value) and 0.0 < value <= 0.2):
         raise RadarError(f"{kind} thickness_m must lie in 0 .. 0.2 m, got {value!r}")
     return float(value)
-
-
-def _vector(name: str, value: Any) -> NDArray[np.float64]:
-    try:
-        vector = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        vector = np.empty(0)
-    if vector.shape != (3,) or not np.isfinite(vector).all():
-        raise RadarError(f"{name} must be 3 finite numbers, got {value!r}")
-    vector.setflags(write=False)
-    return vector

@@ -145,7 +145,9 @@ class Aperture:
             Aperture of N = num_x * num_y positions; x runs fastest.
         """
         pitch = (
-            _vector("spacing_m", spacing_m, 2) if np.ndim(spacing_m) else np.full(2, spacing_m, dtype=float)
+            finite_vector("aperture spacing_m", spacing_m, 2)
+            if np.ndim(spacing_m)
+            else np.full(2, spacing_m, dtype=float)
         )
         pitch_x_m, pitch_y_m = pitch
         whole = all(isinstance(count, (int, np.integer)) for count in (num_x, num_y))
@@ -157,7 +159,7 @@ class Aperture:
         y_m = (np.arange(num_y) - (num_y - 1) / 2) * pitch_y_m
         grid_y, grid_x = np.meshgrid(y_m, x_m, indexing="ij")
         positions = np.stack([grid_x, grid_y, np.zeros_like(grid_x)], axis=-1).reshape(-1, 3)
-        return cls(positions + _vector("center_m", center_m, 3))
+        return cls(positions + finite_vector("aperture center_m", center_m, 3))
 
     @classmethod
     def raster_rows(
@@ -193,7 +195,7 @@ class Aperture:
             np.stack([x_m if i % 2 == 0 else x_m[::-1], np.full(per_row, y), np.zeros(per_row)], axis=1)
             for i, y in enumerate(y_m)
         ]
-        return cls(np.concatenate(rows) + _vector("center_m", center_m, 3))
+        return cls(np.concatenate(rows) + finite_vector("aperture center_m", center_m, 3))
 
     @classmethod
     def from_preset(cls, name: str) -> Aperture:
@@ -206,13 +208,15 @@ class Aperture:
         return cls.raster_rows(**arguments) if name in RASTER_PRESETS else cls.planar_grid(**arguments)
 
 
-def _vector(name: str, value: ArrayLike, size: int) -> NDArray[np.float64]:
+def finite_vector(name: str, value: Any, size: int = 3) -> NDArray[np.float64]:
+    """A read-only vector of finite numbers; raises RadarError with its name."""
     try:
-        vector = np.asarray(value, dtype=np.float64)
+        vector = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
         vector = np.empty(0)
     if vector.shape != (size,) or not np.isfinite(vector).all():
-        raise RadarError(f"aperture {name} must be {size} finite numbers in metres, got {value!r}")
+        raise RadarError(f"{name} must be {size} finite numbers, got {value!r}")
+    vector.setflags(write=False)
     return vector
 
 

@@ -82,8 +82,7 @@ def dense_echo(
             phase *= np.stack(
                 [
                     pair_response(
-                        response.material, response.surroundings, response.crossings, response.facet_m, float(frequency),
-                        samples.points_m[seen], samples.normals[seen],
+                        response, float(frequency), samples.points_m[seen], samples.normals[seen],
                         aperture.tx_m[row], aperture.receivers_m[row],
                     )
                     for frequency in chirp.frequencies_hz

@@ -156,14 +156,4 @@ def _response(
     if response is None:
         return np.ones(1, dtype=np.complex128)
     frequency_hz = float(response.frequencies_hz[item.frequency])
-    return pair_response(
-        response.material,
-        response.surroundings,
-        response.crossings,
-        response.facet_m,
-        frequency_hz,
-        points_m,
-        normals,
-        tx_m,
-        rx_m,
-    )
+    return pair_response(response, frequency_hz, points_m, normals, tx_m, rx_m)

@@ -10,16 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 from waveformer.simulator.materials import Material
 from waveformer.simulator.occluders import Box
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S
-from waveformer.simulator.response_plan import Crossings, wall_reflection, wall_transmission
+from waveformer.simulator.response_plan import Crossings, ResponsePlan, wall_reflection, wall_transmission
 from waveformer.simulator.slab import coherent_loss
 from waveformer.simulator.surroundings import Surroundings
 
 
 def pair_response(
-    material: Material,
-    surroundings: Surroundings,
-    crossings: Crossings,
-    facet_m: NDArray[np.float64] | None,
+    plan: ResponsePlan,
     frequency_hz: float,
     points_m: ArrayLike,
     normals: ArrayLike,
@@ -29,7 +26,7 @@ def pair_response(
     """W of pairs of sample and antennas.
 
     Args:
-        material, surroundings, crossings, facet_m: see `response_plan.ResponsePlan`.
+        plan: what W consists of; the frequencies of the plan do not matter here.
         frequency_hz: one frequency.
         points_m, normals: samples (..., 3).
         tx_m, rx_m: antennas (..., 3) that broadcast with them.
@@ -37,6 +34,7 @@ def pair_response(
     Returns:
         The broadcast shape.
     """
+    material, surroundings = plan.material, plan.surroundings
     points, normals, tx, rx = np.broadcast_arrays(points_m, normals, tx_m, rx_m)
     polarization = np.asarray(surroundings.polarization)
     directions = [_unit(antenna - points) for antenna in (tx, rx)]
@@ -48,12 +46,12 @@ def pair_response(
     weight = gamma.s * share_s + gamma.p * (1.0 - share_s)
     weight = weight * coherent_loss(material.roughness_m, cosine, frequency_hz)
     carried = [
-        field_behind(surroundings, crossings, frequency_hz, points, antenna, u, e)
+        field_behind(surroundings, plan.crossings, frequency_hz, points, antenna, u, e)
         for antenna, u, e in zip((tx, rx), directions, fields, strict=True)
     ]
     weight = weight * _dot(carried[0], carried[1]) / _dot(fields[0], fields[1])
-    if facet_m is not None:
-        weight = weight * _form_factor(facet_m, frequency_hz, points, normals, (tx, rx))
+    if plan.facet_m is not None:
+        weight = weight * _form_factor(plan.facet_m, frequency_hz, points, normals, (tx, rx))
     for u in directions:
         weight = weight * surroundings.antenna.amplitude(u)
     return np.asarray(weight)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from waveformer.simulator.errors import RadarError
 from waveformer.simulator.occluders import Sheet
+from waveformer.simulator.plane_image import heights_over, way_by_plane
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Aperture, Chirp
 from waveformer.simulator.reference_response import pair_response
 from waveformer.simulator.response_plan import plan_response
@@ -37,19 +38,13 @@ def sheet_echo(
     """
     normal, point = np.asarray(sheet.normal), np.asarray(sheet.point_m)
     tx, rx = aperture.tx_m, aperture.receivers_m
-    height_tx, height_rx = (tx - point) @ normal, (rx - point) @ normal
-    if not (height_tx * height_rx > 0).all():
+    if not (heights_over(tx, point, normal) * heights_over(rx, point, normal) > 0).all():
         raise RadarError("a sheet with an echo must have transmitter and receiver on one side of it")
-    image = rx - 2.0 * height_rx[:, None] * normal
-    length = np.linalg.norm(tx - image, axis=1)
-    mirror_point = tx + (height_tx / (height_tx + height_rx))[:, None] * (image - tx)
+    length, mirror_point = way_by_plane(tx, rx, point, normal)
     others = replace(surroundings, sheets=tuple(s for s in surroundings.sheets if s is not sheet))
     bounds = np.array([mirror_point.min(axis=0), mirror_point.max(axis=0)])
     plan = plan_response(sheet.material, others, "any", chirp, tolerance, bounds, np.concatenate([tx, rx]))
-    weights = [
-        pair_response(sheet.material, others, "any", None, float(f), mirror_point, normal, tx, rx)
-        for f in plan.frequencies_hz
-    ]
+    weights = [pair_response(plan, float(f), mirror_point, normal, tx, rx) for f in plan.frequencies_hz]
     response = np.stack(weights, axis=1) @ plan.to_samples
     phase = np.exp(-2j * np.pi * chirp.frequencies_hz * (length / SPEED_OF_LIGHT_M_PER_S)[:, None])
     spreading = chirp.wavelengths_m / (4.0 * np.pi) / length[:, None]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from waveformer.simulator.antenna import Antenna
 from waveformer.simulator.errors import RadarError
 from waveformer.simulator.occluders import Box, Sheet
+from waveformer.simulator.radar import finite_vector
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,12 +62,9 @@ class Surroundings:
 
 
 def _unit(value: Any) -> NDArray[np.float64]:
-    try:
-        vector = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        vector = np.empty(0)
-    if vector.shape != (3,) or not np.isfinite(vector).all() or not np.linalg.norm(vector) > 0:
-        raise RadarError(f"polarization must be a direction of 3 finite numbers, got {value!r}")
+    vector = finite_vector("polarization", value)
+    if not np.linalg.norm(vector) > 0:
+        raise RadarError("polarization must be a direction, not the zero vector")
     vector = vector / np.linalg.norm(vector)
     vector.setflags(write=False)
     return vector

@@ -81,8 +81,7 @@ def test_every_pair_equals_the_twin(rng: np.random.Generator, name: str, is_bist
     surface = response.surface(ways, cosine, to_device_vectors(normals), entry)
     weight = (surface * response.path(to_device_vectors(points), ways, entry)).numpy()
     twin = pair_response(
-        plan.material, plan.surroundings, plan.crossings, plan.facet_m, float(plan.frequencies_hz[frequency]),
-        points, normals, tx, rx,
+        plan, float(plan.frequencies_hz[frequency]), points, normals, tx, rx,
     )  # fmt: skip
     # rectangles are expanded to first order in their curvature, 0.03 rad at 0.2 m, and in the slope of the amplitude
     tolerance = 2e-4 if plan.facet_m is None else 5e-3
@@ -101,8 +100,7 @@ def test_between_its_frequencies_the_response_is_interpolated_to_the_tolerance(
     antenna = np.array([0.05, -0.1, 0.0])
 
     def at(frequency_hz: float) -> np.ndarray:
-        parts = (plan.material, plan.surroundings, plan.crossings, plan.facet_m)
-        return pair_response(*parts, frequency_hz, points, normals, antenna, antenna)
+        return pair_response(plan, frequency_hz, points, normals, antenna, antenna)
 
     nodes = np.stack([at(float(f)) for f in plan.frequencies_hz])
     exact = np.stack([at(float(f)) for f in CHIRP.frequencies_hz])
@@ -151,9 +149,9 @@ def test_with_no_thickness_of_matter_nothing_changes() -> None:
     plain, empty = Surroundings(), Surroundings(sheets=(replace(LEVEL, permittivity=1.0),))
     points, normals = np.array([[0.01, 0.0, -0.3]]), np.array([[0.0, 0.0, 1.0]])
     antenna = np.array([0.05, 0.02, 0.0])
-    values = [
-        pair_response(Material.pec(), s, "none", None, 78e9, points, normals, antenna, antenna)
-        for s in (plain, empty)
+    plans = [
+        plan_response(Material.pec(), s, "none", CHIRP, 1e-3, points, antenna[None]) for s in (plain, empty)
     ]
+    values = [pair_response(plan, 78e9, points, normals, antenna, antenna) for plan in plans]
     assert np.allclose(values[0], values[1], atol=1e-14)
     assert np.allclose(values[0], -1.0, atol=1e-14)

@@ -65,12 +65,14 @@ def load_setup(config: SimulateConfig, folder: Path) -> LoadedSetup:
 
 def placed_meshes(targets: Sequence[Target]) -> list[SurfaceMesh]:
     """The surfaces of targets in the radar frame; raises MeshError if one cannot be used."""
+    return [in_radar_frame(as_surface(target), target.pose) for target in targets]
+
+
+def as_surface(target: Target) -> SurfaceMesh:
+    """The loaded mesh of a target; raises MeshError if it cannot be used."""
     from waveformer.simulator.mesh import SurfaceMesh, load_mesh
 
-    loaded = [
-        target.mesh if isinstance(target.mesh, SurfaceMesh) else load_mesh(target.mesh) for target in targets
-    ]
-    return [in_radar_frame(mesh, target.pose) for mesh, target in zip(loaded, targets, strict=True)]
+    return target.mesh if isinstance(target.mesh, SurfaceMesh) else load_mesh(target.mesh)
 
 
 def in_radar_frame(mesh: SurfaceMesh, pose: NDArray[np.float64]) -> SurfaceMesh:
@@ -117,9 +119,11 @@ def _from_scene_file(config: SimulateConfig, folder: Path) -> LoadedSetup:
         raise RadarError(
             f"{path}: the scene has no object, only sheets or a box: add a shape with radar_specular"
         )
-    meshes = placed_meshes(scene.targets)
+    # read here once, not again by whoever asks for their bounds or sums them
+    targets = [replace(target, mesh=as_surface(target)) for target in scene.targets]
+    meshes = placed_meshes(targets)
     origin = {"meshes": [], "scene": {"path": str(path), "geometry_sha256": geometry_sha256(meshes)}}
-    return LoadedSetup(scene.targets, scene.sheets, scene.box, origin, _problems(meshes))
+    return LoadedSetup(targets, scene.sheets, scene.box, origin, _problems(meshes))
 
 
 def _from_meshes(config: SimulateConfig, folder: Path) -> LoadedSetup:
