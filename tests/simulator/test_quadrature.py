@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from waveformer.simulator import primitives, quadrature
+from waveformer.simulator import primitives, tessellation
 from waveformer.simulator.errors import MeshError
 from waveformer.simulator.mesh import SurfaceMesh, load_mesh
 from waveformer.simulator.quadrature import faces_that_can_face, sample_surface
@@ -155,9 +155,9 @@ def test_the_count_known_beforehand_is_exact(
 ) -> None:
     for mesh in (random_triangles(rng, 20), load_mesh(primitives.sphere(0.05, 0.01))):
         count = len(sample_surface(mesh, np.eye(4), 2e-3).areas_m2)
-        monkeypatch.setattr(quadrature, "MAX_SAMPLES", count)
+        monkeypatch.setattr(tessellation, "MAX_SAMPLES", count)
         assert len(sample_surface(mesh, np.eye(4), 2e-3).areas_m2) == count
-        monkeypatch.setattr(quadrature, "MAX_SAMPLES", count - 1)
+        monkeypatch.setattr(tessellation, "MAX_SAMPLES", count - 1)
         with pytest.raises(MeshError, match="limit"):
             sample_surface(mesh, np.eye(4), 2e-3)
         monkeypatch.undo()
