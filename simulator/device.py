@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from drjit.llvm.ad import Array3f, Float, UInt32
 from numpy.typing import NDArray
+
+from waveformer.simulator.backend import Array3f, Float, UInt32
 
 # Dr.Jit wraps NumPy memory without a copy and compiles loads for the alignment it happens to find:
 # unaligned memory means a new kernel, 50 to 100 ms, on every call.

@@ -12,9 +12,9 @@ from typing import Any
 
 import drjit as dr
 import numpy as np
-from drjit.llvm.ad import Array3f, Float
 from numpy.typing import NDArray
 
+from waveformer.simulator.backend import Array3f, Float
 from waveformer.simulator.echo_source import EchoSource
 from waveformer.simulator.echo_terms import Leg, echo
 from waveformer.simulator.factorisation import taper_scale

@@ -8,9 +8,9 @@ from typing import Any
 
 import drjit as dr
 import numpy as np
-from drjit.llvm.ad import Float
 from numpy.typing import NDArray
 
+from waveformer.simulator.backend import Float
 from waveformer.simulator.device import to_device, to_device_index
 from waveformer.simulator.echo_source import EchoSource
 from waveformer.simulator.factorisation import (

@@ -6,8 +6,8 @@ from typing import Any
 
 import drjit as dr
 import numpy as np
-from drjit.llvm.ad import Complex2f, Float
 
+from waveformer.simulator.backend import Complex2f, Float
 from waveformer.simulator.echo_terms import Leg, phasor
 
 

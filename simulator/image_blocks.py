@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import drjit as dr
 import numpy as np
-from drjit.llvm.ad import Array3f, Float, UInt32
 from numpy.typing import NDArray
 
+from waveformer.simulator.backend import Array3f, Float, UInt32
 from waveformer.simulator.device import to_device, to_device_index, to_device_vectors
 from waveformer.simulator.kernel_factorised import Antennas, deposit_cells
 from waveformer.simulator.kernel_points import collect_cells, point_moments, points_from_moments

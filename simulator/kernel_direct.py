@@ -7,9 +7,9 @@ from typing import Any
 
 import drjit as dr
 import numpy as np
-from drjit.llvm.ad import Array3f, Array4f, Float, UInt32
 from numpy.typing import NDArray
 
+from waveformer.simulator.backend import Array3f, Array4f, Float, UInt32
 from waveformer.simulator.device import to_device, to_device_index, to_device_vectors
 from waveformer.simulator.echo_terms import Leg, leg, phasor
 from waveformer.simulator.interpolation import chebyshev_points, lagrange_weights, points_for_phase

@@ -19,9 +19,9 @@ from typing import Any, NamedTuple
 
 import drjit as dr
 import numpy as np
-from drjit.llvm.ad import Array3f, Array4f, Float, UInt32
 from numpy.typing import NDArray
 
+from waveformer.simulator.backend import Array3f, Array4f, Float, UInt32
 from waveformer.simulator.device import to_device
 from waveformer.simulator.echo_terms import echo, leg, phasor
 from waveformer.simulator.range_bins import NUM_MOMENTS, RangeBins

@@ -12,9 +12,9 @@ from typing import Any
 
 import drjit as dr
 import numpy as np
-from drjit.llvm.ad import Array3f, Array4f, Float, UInt32
 from numpy.typing import NDArray
 
+from waveformer.simulator.backend import Array3f, Array4f, Float, UInt32
 from waveformer.simulator.device import to_device, to_device_index, to_device_vectors
 from waveformer.simulator.echo_terms import phasor
 from waveformer.simulator.kernel_factorised import Antennas, antenna_lanes, bin_of, range_excess

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 
 import drjit as dr
 import numpy as np
-from drjit.llvm.ad import Array3f, Complex2f, Float, UInt32
 
+from waveformer.simulator.backend import Array3f, Complex2f, Float, UInt32
 from waveformer.simulator.device import to_device
 from waveformer.simulator.echo_terms import Leg, straight_leg
 from waveformer.simulator.form_factor import rectangle_form_factor

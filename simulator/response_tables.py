@@ -10,9 +10,9 @@ from typing import Any
 
 import drjit as dr
 import numpy as np
-from drjit.llvm.ad import Array4f, Complex2f, Float, UInt32
 from numpy.typing import NDArray
 
+from waveformer.simulator.backend import Array4f, Complex2f, Float, UInt32
 from waveformer.simulator.device import to_device
 from waveformer.simulator.materials import Material
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S

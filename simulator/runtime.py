@@ -1,4 +1,4 @@
-"""Start the ray tracer: find an LLVM that works, then choose the Mitsuba variant, explicitly and once.
+"""Start the ray tracer: choose CPU or CUDA, find an LLVM that works, then set the Mitsuba variant, explicitly and once.
 
 Dr.Jit compiles kernels through a system libLLVM. Versions 14 and older are refused by Dr.Jit itself;
 15 and 16 load, but every float minimum or maximum then aborts the whole process (llvm-project issue
@@ -18,18 +18,21 @@ from pathlib import Path
 
 from waveformer.simulator.errors import SetupError
 
-VARIANT = "llvm_ad_rgb"
+# Device of the kernels and rays -> Mitsuba variant. Without a choice of the user it is the first.
+VARIANTS = {"cpu": "llvm_ad_rgb", "cuda": "cuda_ad_rgb"}
 MINIMUM_LLVM_MAJOR = 17
 TESTED_LLVM_MAJOR = 19
 
 LIBRARY_PATH_VARIABLE = "DRJIT_LIBLLVM_PATH"
 THREADS_VARIABLE = "WAVEFORMER_THREADS"
+DEVICE_VARIABLE = "WAVEFORMER_DEVICE"
 
 LLVM_REMEDY = (
     f"apt-get install -y --no-install-recommends libllvm{TESTED_LLVM_MAJOR} "
     f"(or set {LIBRARY_PATH_VARIABLE} to the libLLVM of LLVM {TESTED_LLVM_MAJOR})"
 )
 ATOMIC_REMEDY = "apt-get install -y --no-install-recommends libatomic1"
+CUDA_REMEDY = f"install the NVIDIA driver, or unset {DEVICE_VARIABLE} to use the CPU"
 
 # libLLVM.so.19.1, libLLVM-19.so, libLLVM-15.so.1, libLLVM-14.0.6.so.1; a bare libLLVM.so names no version.
 _MAJOR_IN_NAME = re.compile(r"^libLLVM(?:-|\.so\.)(\d+)")
@@ -142,22 +145,38 @@ def require_libllvm() -> Path:
     raise SetupError(f"{reason}; LLVM {MINIMUM_LLVM_MAJOR} or newer is needed: {LLVM_REMEDY}")
 
 
-def activate(num_threads: int | None = None) -> None:
-    """Choose the Mitsuba variant ``llvm_ad_rgb``; cheap when already done.
+def chosen_device() -> str:
+    """The device to use: ``WAVEFORMER_DEVICE`` if it is set, else ``"cpu"``.
 
-    There is no fallback to another variant: scalar is some fifty times slower and has no gradients.
+    Raises:
+        SetupError: it is neither ``cpu`` nor ``cuda``.
+    """
+    device = os.environ.get(DEVICE_VARIABLE) or next(iter(VARIANTS))
+    if device not in VARIANTS:
+        raise SetupError(f"{DEVICE_VARIABLE} must be {' or '.join(VARIANTS)}, got {device!r}")
+    return device
+
+
+def activate(num_threads: int | None = None) -> None:
+    """Choose the Mitsuba variant of the device, ``llvm_ad_rgb`` or ``cuda_ad_rgb``; cheap when already done.
+
+    The device is that of ``WAVEFORMER_DEVICE``, see `chosen_device`; it cannot change once kernels are loaded. There
+    is no fallback to another variant: scalar is some fifty times slower and has no gradients.
 
     Args:
         num_threads: threads of Dr.Jit; None = ``WAVEFORMER_THREADS`` if set, else left as it is (at the
-            start all cores). One thread gives the same bits on every run.
+            start all cores). One thread gives the same bits on every run on the CPU.
 
     Raises:
-        SetupError: libLLVM is missing or too old, a system library is missing, or the thread count is
-            not a positive integer.
+        SetupError: the device is unknown, missing, or another one than the kernels were loaded for; libLLVM is
+            missing or too old, a system library is missing, or the thread count is not a positive integer.
     """
     threads = _thread_count(num_threads)
+    device = chosen_device()
+    _refuse_second_device(device)
+    variant = VARIANTS[device]
     loaded = sys.modules.get("mitsuba")
-    if loaded is None or loaded.variant() != VARIANT:
+    if device == "cpu" and (loaded is None or loaded.variant() != variant):
         # Read when a variant is first chosen, so this also serves a caller who imported mitsuba before.
         os.environ[LIBRARY_PATH_VARIABLE] = str(require_libllvm())
     try:
@@ -167,14 +186,24 @@ def activate(num_threads: int | None = None) -> None:
         # A missing libatomic.so.1 shows up as a NameError inside drjit.
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise SetupError(f"mitsuba cannot be imported ({reason}): {ATOMIC_REMEDY}") from error
-    if mitsuba.variant() != VARIANT:
+    if mitsuba.variant() != variant:
         try:
-            mitsuba.set_variant(VARIANT)
+            mitsuba.set_variant(variant)
         except ImportError as error:
             reason = str(error).splitlines()[0]
-            raise SetupError(f"Mitsuba variant {VARIANT} does not start ({reason}): {LLVM_REMEDY}") from error
+            remedy = LLVM_REMEDY if device == "cpu" else CUDA_REMEDY
+            raise SetupError(f"Mitsuba variant {variant} does not start ({reason}): {remedy}") from error
     if threads is not None:
         drjit.set_thread_count(threads)
+
+
+def _refuse_second_device(device: str) -> None:
+    backend = sys.modules.get("waveformer.simulator.backend")
+    if backend is not None and device != backend.DEVICE:
+        raise SetupError(
+            f"{DEVICE_VARIABLE} asks for {device}, but the kernels of this process are loaded for {backend.DEVICE}: "
+            "set it before the first simulation"
+        )
 
 
 def _describe(library: LlvmLibrary) -> str:

@@ -14,10 +14,10 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 @pytest.fixture(scope="session")
 def mitsuba_variant() -> str:
     """The variant the simulator uses, started with one thread, so that results repeat bit by bit."""
-    from waveformer.simulator.runtime import VARIANT, activate
+    from waveformer.simulator.runtime import VARIANTS, activate, chosen_device
 
     activate(num_threads=1)
-    return VARIANT
+    return VARIANTS[chosen_device()]
 
 
 @pytest.fixture

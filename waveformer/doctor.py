@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from waveformer.probes import FAIL, OK, WARN
-from waveformer.simulator.runtime import ATOMIC_REMEDY, LLVM_REMEDY
+from waveformer.simulator.runtime import ATOMIC_REMEDY, CUDA_REMEDY, DEVICE_VARIABLE, LLVM_REMEDY, VARIANTS
 
 TIMEOUT_S = 300.0
 
@@ -67,8 +67,9 @@ def standard_checks() -> list[Check]:
         _probe("python", "apt-get install -y python3 python3-venv   (3.11 or newer), then: make setup"),
         _probe("libatomic", ATOMIC_REMEDY),
         _probe("libllvm", LLVM_REMEDY),
+        _probe("device", f"set {DEVICE_VARIABLE} to {' or '.join(VARIANTS)}; for cuda {CUDA_REMEDY}"),
         _probe("mitsuba", f"repair the rows above first; then: {packages}"),
-        _probe("gpu", "nothing to do: the simulator runs on the CPU", is_optional=True),
+        _probe("gpu", "nothing to do: torch runs on the CPU too", is_optional=True),
         _probe("torch", packages),
         _probe("pyvista", "apt-get install -y --no-install-recommends libgl1 libegl1"),
         _probe("zarr", f"{packages}; TMPDIR must be writable"),

@@ -46,8 +46,9 @@ def libatomic() -> Finding:
 
 def libllvm() -> Finding:
     """The libLLVM chosen, and one float maximum really compiled with it."""
-    from waveformer.simulator.runtime import TESTED_LLVM_MAJOR, activate, llvm_major
+    from waveformer.simulator.runtime import DEVICE_VARIABLE, TESTED_LLVM_MAJOR, activate, llvm_major
 
+    os.environ[DEVICE_VARIABLE] = "cpu"  # this process looks at LLVM, whatever device the simulator is to use
     activate()
     drjit = importlib.import_module("drjit")
     mitsuba = importlib.import_module("mitsuba")
@@ -62,7 +63,7 @@ def libllvm() -> Finding:
 
 def mitsuba() -> Finding:
     """One ray traced against one rectangle with the variant the simulator uses."""
-    from waveformer.simulator.runtime import VARIANT, activate
+    from waveformer.simulator.runtime import VARIANTS, activate, chosen_device
 
     activate()
     mi = importlib.import_module("mitsuba")
@@ -71,16 +72,26 @@ def mitsuba() -> Finding:
     distance = float(hit.t[0])
     if abs(distance - 2.0) > 1e-5:
         return FAIL, f"a ray hit the plane z = 0 from z = 2 at distance {distance}"
-    return OK, f"mitsuba {mi.__version__}, {VARIANT}: a ray hit its target"
+    return OK, f"mitsuba {mi.__version__}, {VARIANTS[chosen_device()]}: a ray hit its target"
+
+
+def device() -> Finding:
+    """What the simulator runs on, and whether it could run on CUDA."""
+    from waveformer.simulator.runtime import DEVICE_VARIABLE, chosen_device
+
+    drjit = importlib.import_module("drjit")
+    chosen = chosen_device()
+    has_cuda = drjit.has_backend(drjit.JitBackend.CUDA)
+    reason = f"by {DEVICE_VARIABLE}" if os.environ.get(DEVICE_VARIABLE) else "the default"
+    status = FAIL if chosen == "cuda" and not has_cuda else OK
+    return status, f"{chosen} ({reason}); CUDA {'possible' if has_cuda else 'not possible here'}"
 
 
 def gpu() -> Finding:
-    """For information: the simulator runs on the CPU."""
-    drjit = importlib.import_module("drjit")
+    """For information: what torch could use."""
     torch = importlib.import_module("torch")
-    ray_tracing = "usable" if drjit.has_backend(drjit.JitBackend.CUDA) else "none"
-    network = torch.cuda.get_device_name(0) if torch.cuda.is_available() else "none"
-    return OK, f"for ray tracing: {ray_tracing}; for torch: {network} (optional)"
+    name = torch.cuda.get_device_name(0) if torch.cuda.is_available() else "none"
+    return OK, f"for torch: {name} (optional)"
 
 
 def torch() -> Finding:
@@ -151,7 +162,20 @@ def memory() -> Finding:
 
 PROBES: dict[str, Callable[[], Finding]] = {
     probe.__name__: probe
-    for probe in (python, libatomic, libllvm, mitsuba, gpu, torch, pyvista, zarr, disk, threads, memory)
+    for probe in (
+        python,
+        libatomic,
+        libllvm,
+        device,
+        mitsuba,
+        gpu,
+        torch,
+        pyvista,
+        zarr,
+        disk,
+        threads,
+        memory,
+    )
 }
 
 

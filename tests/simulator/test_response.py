@@ -49,8 +49,8 @@ def planned(name: str) -> ResponsePlan:
 @pytest.mark.parametrize("is_bistatic", [False, True])
 def test_every_pair_equals_the_twin(rng: np.random.Generator, name: str, is_bistatic: bool) -> None:
     import drjit as dr
-    from drjit.llvm.ad import UInt32
 
+    from waveformer.simulator.backend import UInt32
     from waveformer.simulator.device import to_device, to_device_vectors
     from waveformer.simulator.echo_terms import echo, leg
     from waveformer.simulator.response import Response
