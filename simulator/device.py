@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from waveformer.simulator.backend import Array3f, Float, UInt32
 
-# Dr.Jit wraps NumPy memory without a copy and compiles loads for the alignment it happens to find:
-# unaligned memory means a new kernel, 50 to 100 ms, on every call.
+# On the CPU Dr.Jit wraps NumPy memory without a copy and compiles loads for the alignment it happens to find:
+# unaligned memory means a new kernel, 50 to 100 ms, on every call. CUDA's types copy it to the GPU instead.
 _ALIGNMENT_BYTES = 64
 
 

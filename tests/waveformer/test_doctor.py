@@ -81,7 +81,7 @@ def test_an_llvm_that_aborts_is_named_with_its_remedy(tmp_path, monkeypatch):
     assert "libllvm19" in row.remedy
 
 
-@pytest.mark.parametrize("name", ["python", "libatomic", "libllvm", "mitsuba", "zarr", "threads"])
+@pytest.mark.parametrize("name", ["python", "libatomic", "libllvm", "device", "mitsuba", "zarr", "threads"])
 def test_this_machine(name):
     check = next(check for check in standard_checks() if check.name == name)
     row = run_check(check)
@@ -92,3 +92,21 @@ def test_a_bad_thread_limit(monkeypatch):
     monkeypatch.setitem(os.environ, "WAVEFORMER_THREADS", "many")
     check = next(check for check in standard_checks() if check.name == "threads")
     assert run_check(check).status == "fail"
+
+
+def test_the_device_in_use_is_named(monkeypatch):
+    check = next(check for check in standard_checks() if check.name == "device")
+    monkeypatch.delenv("WAVEFORMER_DEVICE", raising=False)
+    assert run_check(check).found.startswith("cpu (the default); CUDA ")
+    monkeypatch.setenv("WAVEFORMER_DEVICE", "cuda")
+    row = run_check(check)
+    assert row.found.startswith("cuda (by WAVEFORMER_DEVICE); CUDA ")
+    assert (row.status == "fail") == ("not possible" in row.found)
+    monkeypatch.setenv("WAVEFORMER_DEVICE", "tpu")
+    assert run_check(check).found == "WAVEFORMER_DEVICE must be cpu or cuda, got 'tpu'"
+
+
+def test_libllvm_is_looked_at_whatever_the_device(monkeypatch):
+    monkeypatch.setenv("WAVEFORMER_DEVICE", "cuda")
+    check = next(check for check in standard_checks() if check.name == "libllvm")
+    assert run_check(check).status == "ok"

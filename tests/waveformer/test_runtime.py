@@ -99,6 +99,21 @@ def test_thread_count_argument_is_checked():
         runtime.activate(num_threads=0)
 
 
+@pytest.mark.parametrize(("text", "expected"), [(None, "cpu"), ("", "cpu"), ("cpu", "cpu"), ("cuda", "cuda")])
+def test_the_device_is_that_of_the_environment(monkeypatch, text, expected):
+    monkeypatch.delenv(runtime.DEVICE_VARIABLE, raising=False)
+    if text is not None:
+        monkeypatch.setenv(runtime.DEVICE_VARIABLE, text)
+    assert runtime.chosen_device() == expected
+
+
+@pytest.mark.parametrize("text", ["gpu", "CUDA", "llvm_ad_rgb", "cuda:0"])
+def test_an_unknown_device_is_refused(monkeypatch, text):
+    monkeypatch.setenv(runtime.DEVICE_VARIABLE, text)
+    with pytest.raises(SetupError, match=f"^WAVEFORMER_DEVICE must be cpu or cuda, got '{text}'$"):
+        runtime.activate()
+
+
 LIGHT = """
 import sys
 import waveformer.simulator.runtime
@@ -114,6 +129,21 @@ assert mitsuba.variant() == "llvm_ad_rgb"
 assert drjit.thread_count() == {expected}, drjit.thread_count()
 assert list(drjit.maximum(mitsuba.Float([1, -2]), 0)) == [1, 0]
 """
+CUDA = """
+import os
+from waveformer.simulator.errors import SetupError
+from waveformer.simulator.runtime import LIBRARY_PATH_VARIABLE, activate
+os.environ["WAVEFORMER_DEVICE"] = "cuda"
+try:
+    activate()
+except SetupError as error:  # no GPU here
+    assert "cuda_ad_rgb does not start" in str(error) and "unset WAVEFORMER_DEVICE" in str(error), error
+    assert "\\n" not in str(error)
+else:
+    import mitsuba
+    assert mitsuba.variant() == "cuda_ad_rgb"
+assert LIBRARY_PATH_VARIABLE not in os.environ, "CUDA needs no LLVM"
+"""
 OTHER_VARIANT = """
 import mitsuba
 mitsuba.set_variant("scalar_rgb")
@@ -126,11 +156,13 @@ mitsuba.set_variant("scalar_rgb")
         LIGHT,
         ACTIVATE.format(argument="", expected=2),
         ACTIVATE.format(argument="num_threads=1", expected=1),
+        CUDA,
         OTHER_VARIANT + ACTIVATE.format(argument="", expected=2),
     ],
 )
 def test_in_a_fresh_process(monkeypatch, code):
     monkeypatch.delenv(runtime.LIBRARY_PATH_VARIABLE, raising=False)
+    monkeypatch.delenv(runtime.DEVICE_VARIABLE, raising=False)
     monkeypatch.setenv(runtime.THREADS_VARIABLE, "2")
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert child.returncode == 0, child.stderr
