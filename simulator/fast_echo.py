@@ -10,7 +10,7 @@ import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
-from waveformer.simulator.backend import Float
+from waveformer.simulator.backend import Float, UInt32
 from waveformer.simulator.device import to_device, to_device_index
 from waveformer.simulator.echo_source import EchoSource
 from waveformer.simulator.factorisation import (
@@ -83,6 +83,27 @@ def plan_echo(
         The plan, and the tiles with what they see, traced while they are taken, in batches for one launch;
         None if no sample is seen.
     """
+    traced = trace_source(scene, source, chirp, aperture, numerics)
+    if traced is None:
+        return None
+    plan, _, visibility, tiles = traced
+    return plan, _batches(plan, tiles, visibility, source.response, aperture)
+
+
+def trace_source(
+    scene: Any,
+    source: EchoSource,
+    chirp: Chirp,
+    aperture: Aperture,
+    numerics: Numerics,
+) -> tuple[Factorisation, NDArray[np.int64], VisibilityMap, list[Tile]] | None:
+    """The samples that are seen at all, in cells, and the tiles of the aperture.
+
+    Arguments as in `fast_echo`.
+
+    Returns:
+        The plan, which of the source's samples it holds, what is seen, and the tiles; None if nothing is seen.
+    """
     visibility = VisibilityMap(
         scene,
         source.samples,
@@ -95,7 +116,6 @@ def plan_echo(
     if len(seen) == 0:
         return None
     plan, order = factorise(take(source.samples, seen), chirp, facet_taper=numerics.facet_taper)
-    visibility = visibility.select(seen[order])
     tiles = build_tiles(
         aperture,
         source.closest_m,
@@ -105,7 +125,7 @@ def plan_echo(
         source.closest_m * np.radians(numerics.leaf_spacing_deg),
         0.0 if source.response is None else source.response.phase_per_radian,
     )
-    return plan, _batches(plan, tiles, visibility, source.response, aperture)
+    return plan, seen[order], visibility.select(seen[order]), tiles
 
 
 def sum_batches(
@@ -123,7 +143,7 @@ def sum_batches(
         plan, batches: from `plan_echo`.
         source, chirp, aperture, tile_positions, add: as in `fast_echo`.
     """
-    tables = _SampleTables(plan)
+    tables = SampleTables(plan)
     response = None if source.response is None else Response(source.response)
 
     def finish(work: TileWork, bins: Float) -> None:
@@ -155,7 +175,7 @@ def sum_batches(
 
 def _one_behind(
     plan: Factorisation,
-    tables: _SampleTables,
+    tables: SampleTables,
     batches: Iterable[list[TileWork]],
     two_sided: bool,
     response: Response | None,
@@ -181,7 +201,7 @@ def _by_tile(batch: list[TileWork], at_nodes: list[Float]) -> list[NDArray[np.fl
     return [part.reshape(shape) for part, shape in zip(np.split(moments, stops, axis=1), shapes, strict=True)]
 
 
-class _SampleTables:
+class SampleTables:
     """Device tables of the samples, relative to their cell's centre and to the target's centre."""
 
     def __init__(self, plan: Factorisation) -> None:
@@ -200,16 +220,33 @@ def _batches(
     response: ResponsePlan | None,
     aperture: Aperture,
 ) -> Iterator[list[TileWork]]:
+    """The tiles with what they see, traced while they are taken."""
+    frequencies = 1 if response is None else len(response.frequencies_hz)
+    seen = (look(plan, tile, visibility, response, aperture) for tile in tiles)
+    return in_batches(seen, frequencies)
+
+
+def look(
+    plan: Factorisation,
+    tile: Tile,
+    visibility: VisibilityMap,
+    response: ResponsePlan | None,
+    aperture: Aperture,
+) -> TileWork:
+    """What one tile sees, with its own rays."""
+    seen = visibility.of_tile(tile)
+    if response is not None:
+        seen = set_apart(seen, uneven_samples(plan, tile, response, aperture))
+    return tile_work(plan, tile, seen)
+
+
+def in_batches(tiles: Iterable[TileWork], frequencies: int) -> Iterator[list[TileWork]]:
     """Gather tiles until the launch of their nodes is wide enough; a tile comes once a response frequency."""
     batch: list[TileWork] = []
     lanes = 0
-    for tile in tiles:
-        seen = visibility.of_tile(tile)
-        if response is not None:
-            seen = set_apart(seen, uneven_samples(plan, tile, response, aperture))
-        work = tile_work(plan, tile, seen)
-        work_lanes = len(tile.node_tx_m) * len(work.cells)
-        for frequency in range(1 if response is None else len(response.frequencies_hz)):
+    for work in tiles:
+        work_lanes = len(work.tile.node_tx_m) * len(work.cells)
+        for frequency in range(frequencies):
             if batch and lanes + work_lanes > _MAX_LANES:
                 yield batch
                 batch, lanes = [], 0
@@ -221,17 +258,25 @@ def _batches(
 
 def _moments_at_nodes(
     plan: Factorisation,
-    tables: _SampleTables,
+    tables: SampleTables,
     batch: list[TileWork],
     two_sided: bool,
     response: Response | None,
 ) -> list[Float]:
     """Stage 1 for a batch of tiles; empty if none of them sees a cell whole."""
+    lanes, members = node_lanes(plan, batch)
+    if dr.width(members) == 0:
+        return []
+    moments = cell_moments(tables.in_cells, members, lanes, plan.ranges, two_sided, response)
+    dr.eval(moments)  # all of them in one launch
+    return moments
+
+
+def node_lanes(plan: Factorisation, batch: list[TileWork]) -> tuple[NodeLanes, UInt32]:
+    """The (node, cell) pairs of a batch of tiles, and the lit samples of their cells."""
     tile_tx, tile_rx = [work.tile.node_tx_m for work in batch], [work.tile.node_rx_m for work in batch]
     counts = [(len(work.tile.node_tx_m), len(work.cells)) for work in batch]
     members_before = np.cumsum([0, *(len(work.members) for work in batch)])
-    if members_before[-1] == 0:
-        return []
     nodes_before = np.cumsum([0, *(nodes for nodes, _ in counts)])
     cells_before = np.cumsum([0, *(cells for _, cells in counts)])
     lanes = NodeLanes(
@@ -262,13 +307,12 @@ def _moments_at_nodes(
             )
         ),
     )
-    members = to_device_index(np.concatenate([work.members for work in batch]))
-    return cell_moments(tables.in_cells, members, lanes, plan.ranges, two_sided, response)
+    return lanes, to_device_index(np.concatenate([work.members for work in batch]))
 
 
 def _tile_bins(
     plan: Factorisation,
-    tables: _SampleTables,
+    tables: SampleTables,
     work: TileWork,
     at_nodes: NDArray[np.float32],
     aperture: Aperture,
@@ -285,7 +329,7 @@ def _tile_bins(
         deposit_cells(
             bins,
             ranges,
-            moments.reshape(2 * NUM_MOMENTS, -1),
+            [to_device(moment) for moment in moments],
             antennas,
             to_device_index(work.cells),
             tables.cell_centers,

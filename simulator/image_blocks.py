@@ -33,6 +33,7 @@ class BlockOperator:
         self._offsets = to_device_vectors(block.offsets_m)
         self._cell = to_device_index(block.cell)
         self._cell_centers = to_device(block.centers_m - block.ranges.center_m)
+        self._every_cell = dr.arange(UInt32, len(block.centers_m))
         self._voxel_centers = dr.gather(Array3f, to_device(block.centers_m), self._cell)
         self._real = dr.zeros(Float, len(block.cell))
         self._imaginary = dr.zeros(Float, len(block.cell))
@@ -53,16 +54,15 @@ class BlockOperator:
         if tile.weights is not None:
             moments = tile.weights @ moments  # (n, M) @ (., M, Q)
         bins = dr.zeros(Float, len(tile.rows) * ranges.count * 2 * NUM_MOMENTS)
-        every_cell = dr.arange(UInt32, len(block.centers_m))
-        flat = moments.reshape(2 * NUM_MOMENTS, -1)
-        deposit_cells(bins, ranges, flat, self._antennas(tile), every_cell, self._cell_centers)
+        flat = [to_device(moment) for moment in moments]
+        deposit_cells(bins, ranges, flat, self._antennas(tile), self._every_cell, self._cell_centers)
         packed = np.ascontiguousarray(bins.numpy(), dtype=np.float32)
         return packed.view(np.complex64).reshape(len(tile.rows), -1)
 
     def add_adjoint(self, tile: Tile, bins: NDArray[np.complex64]) -> None:
         """Add the adjoint of `forward` to the image."""
         moments = collect_cells(
-            bins, self._block.ranges, self._antennas(tile), self._cell_centers, len(self._block.centers_m)
+            bins, self._block.ranges, self._antennas(tile), self._every_cell, self._cell_centers
         )
         if tile.weights is not None:
             moments = tile.weights.T @ moments  # (M, n) @ (., n, Q)

@@ -15,6 +15,8 @@ The NumPy float64 twin is `reference_factorised.factorised_echo`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from copy import copy
 from typing import Any, NamedTuple
 
 import drjit as dr
@@ -57,7 +59,7 @@ def cell_moments(
     two_sided: bool,
     response: Response | None,
 ) -> list[Float]:
-    """Stage 1: moments of every cell's echo at every node position, launched and not waited for.
+    """Stage 1: moments of every cell's echo at every node position, not yet evaluated.
 
     A lane is one (node, cell) pair and loops over the lit samples of the cell.
 
@@ -119,7 +121,6 @@ def cell_moments(
     if path is not None:
         for i in range(NUM_MOMENTS):
             sums[2 * i : 2 * i + 2] = _times(sums[2 * i], sums[2 * i + 1], path.value)
-    dr.eval(sums)  # all sums in one launch
     return sums
 
 
@@ -132,11 +133,16 @@ class Antennas:
 
     def __init__(self, transmitters: NDArray[np.float64], receivers: NDArray[np.float64] | None) -> None:
         self.count = len(transmitters)
-        self._sides = [
-            (to_device(side), to_device(np.linalg.norm(side, axis=1)))
-            for side in (transmitters, receivers)
-            if side is not None
+        self._sides = [_side(side) for side in (transmitters, receivers) if side is not None]
+
+    def along(self, seed: Float, motions: Sequence[NDArray[np.float64] | None]) -> Antennas:
+        """The same antennas, moving with the seed: velocity (3,) of the transmitters, then of the receivers."""
+        moving = copy(self)
+        moving._sides = [
+            side if motion is None else _moving(side, seed, motion)
+            for side, motion in zip(self._sides, motions, strict=False)
         ]
+        return moving
 
     def at(self, row: UInt32) -> list[tuple[Any, Any]]:
         """(position, range) of every side for the antenna of each lane."""
@@ -152,10 +158,21 @@ class Antennas:
         return total
 
 
+def _side(positions: NDArray[np.float64]) -> tuple[Float, Float]:
+    return to_device(positions), to_device(np.linalg.norm(positions, axis=1))
+
+
+def _moving(side: tuple[Float, Float], seed: Float, motion: NDArray[np.float64]) -> tuple[Float, Float]:
+    positions, ranges = side
+    vectors = dr.unravel(Array3f, positions, order="F")
+    closing = dr.dot(vectors, Array3f(*(float(value) for value in motion))) * dr.rcp(ranges)
+    return positions + seed * to_device(np.tile(motion, dr.width(ranges))), ranges + seed * closing
+
+
 def deposit_cells(
     bins: Float,
     ranges: RangeBins,
-    moments: NDArray[np.float32],
+    moments: list[Float],
     antennas: Antennas,
     cells: UInt32,
     centers: Float,
@@ -168,7 +185,7 @@ def deposit_cells(
     Args:
         bins: (antennas * num_bins * 2 * NUM_MOMENTS) accumulators.
         ranges: the range bins.
-        moments: interpolated moments, antenna-major, (2 * NUM_MOMENTS, antennas * cells).
+        moments: interpolated moments, antenna-major, 2 * NUM_MOMENTS arrays (antennas * cells,).
         antennas: relative to the reference point of `ranges`.
         cells: rows of `centers` that `moments` holds.
         centers: table of 3 floats a cell, relative to the same point.
@@ -177,7 +194,7 @@ def deposit_cells(
     excess = antennas.excess_m(row, dr.gather(Array3f, centers, dr.gather(UInt32, cells, column)))
     bin_index, offset = bin_of(excess, ranges)
     real, imaginary = phasor(excess * dr.opaque(Float, -2.0 / ranges.wavelength_m))
-    packed = [dr.gather(Float, to_device(moment), lane) for moment in moments]
+    packed = [dr.gather(Float, moment, lane) for moment in moments]
     rotated = [
         (
             packed[2 * i] * real - packed[2 * i + 1] * imaginary,

@@ -119,20 +119,20 @@ def points_from_moments(
 
 
 def collect_cells(
-    bins: NDArray[np.complex64], ranges: RangeBins, antennas: Antennas, centers: Float, num_cells: int
+    bins: NDArray[np.complex64], ranges: RangeBins, antennas: Antennas, cells: UInt32, centers: Float
 ) -> NDArray[np.float32]:
-    """The adjoint of `kernel_factorised.deposit_cells` for all cells.
+    """The adjoint of `kernel_factorised.deposit_cells`.
 
     Args:
         bins: adjoint of the bins, shape (n, count * NUM_MOMENTS).
-        ranges, antennas, centers: as in `deposit_cells`.
-        num_cells: Q.
+        ranges, antennas, cells, centers: as in `deposit_cells`, Q cells.
 
     Returns:
         Moments of every antenna and cell, shape (2 * NUM_MOMENTS, n, Q).
     """
+    num_cells = dr.width(cells)
     _, row, column = antenna_lanes(antennas.count, num_cells)
-    excess = antennas.excess_m(row, dr.gather(Array3f, centers, column))
+    excess = antennas.excess_m(row, dr.gather(Array3f, centers, dr.gather(UInt32, cells, column)))
     bin_index, offset = bin_of(excess, ranges)
     table = to_device(np.ascontiguousarray(bins).view(np.float32))
     lane = 2 * (row * dr.opaque(UInt32, ranges.count) + bin_index)

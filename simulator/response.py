@@ -10,10 +10,12 @@ every sheet and wall that the two ways cross, times the amplitude gains of both 
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from copy import copy
+from typing import Any, Literal, NamedTuple
 
 import drjit as dr
 import numpy as np
+from numpy.typing import NDArray
 
 from waveformer.simulator.backend import Array3f, Complex2f, Float, UInt32
 from waveformer.simulator.device import to_device
@@ -24,6 +26,7 @@ from waveformer.simulator.reflection import coherent_loss
 from waveformer.simulator.response_plan import ResponsePlan
 from waveformer.simulator.response_tables import (
     GAIN_ENTRIES,
+    Component,
     gain_tables,
     look_up,
     reflection_table,
@@ -51,6 +54,18 @@ class _Field(NamedTuple):
         )
 
 
+class WallChange(NamedTuple):
+    """One number that matter is described by.
+
+    Attributes:
+        wall: sheets in their order, then the box; None for the surface of the target.
+        component: real and imaginary part of the permittivity, thickness in metres, roughness in metres.
+    """
+
+    wall: int | None
+    component: Component | Literal["roughness"]
+
+
 class Path(NamedTuple):
     """What all samples of a cell share on their ways, T(x) = value exp(gradient (x - centre)).
 
@@ -72,19 +87,51 @@ class Response:
     """
 
     def __init__(self, plan: ResponsePlan) -> None:
+        self._plan = plan
         material, surroundings = plan.material, plan.surroundings
         self._material, self._surroundings, self._crossings = material, surroundings, plan.crossings
         self._facet = None if plan.facet_m is None else _constant(plan.facet_m)
-        walls = [sheet.material for sheet in surroundings.sheets]
+        self._walls = [sheet.material for sheet in surroundings.sheets]
         if surroundings.box is not None:
-            walls.append(surroundings.box.material)
+            self._walls.append(surroundings.box.material)
+        self._changes: dict[WallChange, tuple[Float, ...]] = {}
+        self._roughness = dr.opaque(Float, material.roughness_m)
         self._wavenumbers = to_device(2.0 * np.pi * plan.frequencies_hz / SPEED_OF_LIGHT_M_PER_S)
         self._reflections = None if material.is_conductor else reflection_table(material, plan.frequencies_hz)
-        self._transmissions = [transmission_tables(wall, plan.frequencies_hz) for wall in walls]
+        self._transmissions = [transmission_tables(wall, plan.frequencies_hz) for wall in self._walls]
         self._polarization = _constant(surroundings.polarization)
         self._gain = None if surroundings.antenna.is_isotropic else gain_tables(surroundings)
         broadside = surroundings.antenna.amplitude(np.array([0.0, 0.0, 1.0]))
         self._broadside = dr.opaque(Float, float(broadside))
+
+    def along(self, seed: Float, change: WallChange) -> Response:
+        """The same factor with one number of its matter moving with the seed."""
+        moving, frequencies = copy(self), self._plan.frequencies_hz
+        if change.component == "roughness":
+            moving._roughness = self._roughness + seed
+        elif change.wall is None:
+            assert self._reflections is not None
+            moving._reflections = self._reflections + seed * self._changed(change, frequencies)[0]
+        else:
+            moving._transmissions = list(self._transmissions)
+            moving._transmissions[change.wall] = tuple(
+                table + seed * moved
+                for table, moved in zip(
+                    self._transmissions[change.wall], self._changed(change, frequencies), strict=True
+                )
+            )
+        return moving
+
+    def _changed(self, change: WallChange, frequencies_hz: NDArray[np.float64]) -> tuple[Float, ...]:
+        """Derivatives of the tables of one wall, or of the surface; kept, since many launches share them."""
+        if change not in self._changes:
+            assert change.component != "roughness"
+            if change.wall is None:
+                self._changes[change] = (reflection_table(self._material, frequencies_hz, change.component),)
+            else:
+                wall = self._walls[change.wall]
+                self._changes[change] = transmission_tables(wall, frequencies_hz, change.component)
+        return self._changes[change]
 
     def surface(self, legs: list[Leg], cosine: Any, normal: Any, frequency: UInt32) -> Any:
         """Gamma at the local angle, with the form factor of flat rectangular samples.
@@ -170,7 +217,7 @@ class Response:
         material = self._material
         loss: Any = -1.0 if material.is_conductor else 1.0
         if material.roughness_m > 0:
-            loss = loss * coherent_loss(dr.opaque(Float, material.roughness_m), cosine, wavenumber)
+            loss = loss * coherent_loss(self._roughness, cosine, wavenumber)
         if self._reflections is None:
             return Complex2f(loss, 0.0)
         shares = []

@@ -5,8 +5,8 @@ They are filled by `reflection`, the one implementation, and looked up many mill
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable
+from typing import Any, Literal, NamedTuple
 
 import drjit as dr
 import numpy as np
@@ -18,6 +18,9 @@ from waveformer.simulator.materials import Material
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S
 from waveformer.simulator.reflection import refraction_terms, wall_coefficients
 from waveformer.simulator.surroundings import Surroundings
+
+# What a wall is described by: real and imaginary part of its permittivity, and its thickness in metres.
+Component = Literal["real", "imaginary", "thickness"]
 
 # Entries of an antenna's table over sin(angle): a step of 0.1 degrees at broadside.
 GAIN_ENTRIES = 1025
@@ -34,35 +37,83 @@ def look_up(table: Float, cosine: Any, frequency: UInt32) -> Any:
     return low + (high - low) * (place - below)
 
 
-def reflection_table(material: Material, frequencies_hz: NDArray[np.float64]) -> Float:
-    """Gamma_s and Gamma_p over the cosine, a block of entries a frequency: real and imaginary parts in turn."""
-    thickness = None if material.thickness_m is None else dr.opaque(Float, material.thickness_m)
-    blocks = []
-    for cosine, permittivity, wavenumber in _table_axes(material, frequencies_hz):
-        wall = wall_coefficients(permittivity, thickness, cosine, wavenumber)
-        blocks.append(_columns(wall.reflect_s, wall.reflect_p))
-    return to_device(np.concatenate(blocks))
+def reflection_table(
+    material: Material, frequencies_hz: NDArray[np.float64], change: Component | None = None
+) -> Float:
+    """Gamma_s and Gamma_p over the cosine, a block of entries a frequency: real and imaginary parts in turn.
+
+    Args:
+        material: a dielectric.
+        frequencies_hz: shape (M,).
+        change: the derivative by this one instead of the values.
+    """
+
+    def columns(matter: _Matter) -> tuple[Any, ...]:
+        wall = wall_coefficients(
+            matter.permittivity, matter.thickness_m, matter.cosine, matter.wavenumber_per_m
+        )
+        return wall.reflect_s, wall.reflect_p
+
+    return _table(material, frequencies_hz, change, columns)
 
 
-def transmission_tables(wall: Material, frequencies_hz: NDArray[np.float64]) -> tuple[Float, Float]:
+def transmission_tables(
+    wall: Material, frequencies_hz: NDArray[np.float64], change: Component | None = None
+) -> tuple[Float, Float]:
     """The same of the transmission, s and p, and of both refraction terms."""
-    plane, bent = [], []
-    thickness = dr.opaque(Float, float(wall.thickness_m or 0.0))
-    for cosine, permittivity, wavenumber in _table_axes(wall, frequencies_hz):
-        through = wall_coefficients(permittivity, thickness, cosine, wavenumber)
-        plane.append(_columns(through.transmit_s, through.transmit_p))
-        bent.append(_columns(*refraction_terms(permittivity, thickness, cosine, wavenumber)))
-    return to_device(np.concatenate(plane)), to_device(np.concatenate(bent))
+
+    def plane(matter: _Matter) -> tuple[Any, ...]:
+        through = wall_coefficients(
+            matter.permittivity, matter.thickness_m, matter.cosine, matter.wavenumber_per_m
+        )
+        return through.transmit_s, through.transmit_p
+
+    return _table(wall, frequencies_hz, change, plane), _table(
+        wall, frequencies_hz, change, lambda matter: refraction_terms(*matter)
+    )
 
 
-def _table_axes(material: Material, frequencies_hz: NDArray[np.float64]) -> Iterator[tuple[Any, Any, Any]]:
-    """Cosines, permittivity and wave number of every block of a table."""
+class _Matter(NamedTuple):
+    """What a block of a table is computed from."""
+
+    permittivity: Any
+    thickness_m: Any
+    cosine: Any
+    wavenumber_per_m: Any
+
+
+def _table(
+    material: Material,
+    frequencies_hz: NDArray[np.float64],
+    change: Component | None,
+    columns: Callable[[_Matter], tuple[Any, ...]],
+) -> Float:
+    """A block of entries a frequency: complex columns over the cosine, or their derivatives."""
     assert material.permittivity is not None
     cosine = to_device(np.linspace(0.0, 1.0, _COSINE_ENTRIES))
+    blocks = []
     for frequency in frequencies_hz:
         value = material.permittivity.at(float(frequency))
-        permittivity = Complex2f(dr.opaque(Float, value.real), dr.opaque(Float, value.imag))
-        yield cosine, permittivity, dr.opaque(Float, 2.0 * np.pi * float(frequency) / SPEED_OF_LIGHT_M_PER_S)
+        numbers = {
+            "real": value.real,
+            "imaginary": value.imag,
+            "thickness": float(material.thickness_m or 0.0),
+        }
+        moved = {name: dr.opaque(Float, number) for name, number in numbers.items()}
+        if change is not None:
+            dr.enable_grad(moved[change])
+        matter = _Matter(
+            Complex2f(moved["real"], moved["imaginary"]),
+            None if material.thickness_m is None else moved["thickness"],
+            cosine,
+            dr.opaque(Float, 2.0 * np.pi * float(frequency) / SPEED_OF_LIGHT_M_PER_S),
+        )
+        values = columns(matter)
+        if change is not None:
+            dr.forward(moved[change])
+            values = tuple(dr.grad(value) for value in values)
+        blocks.append(_columns(*values))
+    return to_device(np.concatenate(blocks))
 
 
 def _columns(*values: Any) -> NDArray[np.float32]:

@@ -13,6 +13,8 @@ from waveformer.simulator.radar import Aperture
 
 MAX_TILE_POSITIONS = 256
 MAX_TILE_ANGLE_DEG = 12.0
+# Offsets between transmitter and receiver that differ by less are one offset.
+_SAME_OFFSET_M = 1e-7
 
 
 @dataclass(frozen=True)
@@ -78,24 +80,59 @@ def build_tiles(
     """
     centers = 0.5 * (aperture.tx_m + aperture.receivers_m)
     max_extent = closest_m * np.radians(MAX_TILE_ANGLE_DEG)
-    # |d/dv (R_sample - R_cell centre)| <= radius / distance across the line of sight (both ways: 2 k)
-    phase_per_metre = (4.0 * np.pi / wavelength_m * cell_radius_m + response_phase_per_radian) / closest_m
+    phase_per_metre = node_phase_per_metre(closest_m, cell_radius_m, wavelength_m, response_phase_per_radian)
     tiles = []
     for group, shift in _groups_of_equal_offset(aperture):
         for members in group_into_tiles(centers[group], MAX_TILE_POSITIONS, max_extent):
             rows = group[members]
-            nodes, weights = _nodes(centers[rows], phase_per_metre, tolerance)
-            rays, ray_weights, ray_shape = _ray_positions(centers[rows], leaf_spacing_m)
-            if shift is None:  # no two rows share an offset: every row stands for itself
-                weights, ray_weights, ray_shape = None, np.eye(len(rows), dtype=np.float32), None
-            node_tx, node_rx = aperture.tx_m[rows], None if aperture.rx_m is None else aperture.rx_m[rows]
-            ray_tx, ray_rx = node_tx, node_rx
-            if weights is not None and shift is not None:
-                node_tx, node_rx = nodes - 0.5 * shift, None if node_rx is None else nodes + 0.5 * shift
+            ray_tx, ray_rx = aperture.tx_m[rows], None if aperture.rx_m is None else aperture.rx_m[rows]
+            ray_weights, ray_shape = np.eye(len(rows), dtype=np.float32), None
             if shift is not None:
+                rays, ray_weights, ray_shape = _ray_positions(centers[rows], leaf_spacing_m)
                 ray_tx, ray_rx = rays - 0.5 * shift, None if ray_rx is None else rays + 0.5 * shift
-            tiles.append(Tile(rows, node_tx, node_rx, weights, ray_tx, ray_rx, ray_weights, ray_shape))
+            nodes = _place_nodes(aperture, rows, shift, phase_per_metre, tolerance)
+            tiles.append(Tile(rows, *nodes, ray_tx, ray_rx, ray_weights, ray_shape))
     return tiles
+
+
+def node_phase_per_metre(
+    closest_m: float, cell_radius_m: float, wavelength_m: float, response_phase_per_radian: float
+) -> float:
+    """How fast the echo of a cell, freed of its carrier, turns along the aperture; arguments as in `build_tiles`."""
+    # |d/dv (R_sample - R_cell centre)| <= radius / distance across the line of sight (both ways: 2 k)
+    return (4.0 * np.pi / wavelength_m * cell_radius_m + response_phase_per_radian) / closest_m
+
+
+def move_nodes(tile: Tile, aperture: Aperture, phase_per_metre: float, tolerance: float) -> Tile:
+    """The same group with nodes for where its antennas are now; what it sees stays.
+
+    Args:
+        tile: from `build_tiles`.
+        aperture: antennas near those that the tile was built for.
+        phase_per_metre, tolerance: see `node_phase_per_metre` and `build_tiles`.
+    """
+    offsets = (aperture.receivers_m - aperture.tx_m)[tile.rows]
+    shift = offsets.mean(axis=0)
+    shared = tile.ray_shape is not None and bool(np.abs(offsets - shift).max() < _SAME_OFFSET_M)
+    tx, rx, weights = _place_nodes(aperture, tile.rows, shift if shared else None, phase_per_metre, tolerance)
+    return replace(tile, node_tx_m=tx, node_rx_m=rx, weights=weights)
+
+
+def _place_nodes(
+    aperture: Aperture,
+    rows: NDArray[np.int64],
+    shift: NDArray[np.float64] | None,
+    phase_per_metre: float,
+    tolerance: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.float32] | None]:
+    """Transmitters and receivers of the nodes of a group, and the weights; without a shift rows are their own nodes."""
+    tx, rx = aperture.tx_m[rows], None if aperture.rx_m is None else aperture.rx_m[rows]
+    if shift is None:
+        return tx, rx, None
+    nodes, weights = _nodes(tx + 0.5 * shift, phase_per_metre, tolerance)
+    if weights is None:
+        return tx, rx, None
+    return nodes - 0.5 * shift, None if rx is None else nodes + 0.5 * shift, weights
 
 
 def _groups_of_equal_offset(
