@@ -36,14 +36,19 @@ def group_into_cells(points_m: NDArray[np.float64], edge_m: float) -> Cells:
     order = np.argsort(key, kind="stable")
     sorted_key = key[order]
     starts = np.flatnonzero(np.concatenate([[True], np.diff(sorted_key) != 0]))
-    sorted_points = points_m[order]
-    low = np.minimum.reduceat(sorted_points, starts, axis=0)
-    high = np.maximum.reduceat(sorted_points, starts, axis=0)
+    starts = np.append(starts, len(order))
+    return Cells(order, starts, *cell_bounds(points_m[order], starts))
+
+
+def cell_bounds(
+    points_m: NDArray[np.float64], starts: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], float]:
+    """Centres (Q, 3) and largest radius of runs of points (S, 3) that begin at `starts` (Q + 1,)."""
+    low = np.minimum.reduceat(points_m, starts[:-1], axis=0)
+    high = np.maximum.reduceat(points_m, starts[:-1], axis=0)
     centers = 0.5 * (low + high)
-    counts = np.diff(np.append(starts, len(order)))
-    offsets = sorted_points - np.repeat(centers, counts, axis=0)
-    radius = float(np.sqrt(np.einsum("ij,ij->i", offsets, offsets).max()))
-    return Cells(order, np.append(starts, len(order)), centers, radius)
+    offsets = points_m - np.repeat(centers, np.diff(starts), axis=0)
+    return centers, float(np.sqrt(np.einsum("ij,ij->i", offsets, offsets).max()))
 
 
 def group_by_lattice(positions: NDArray[np.float64], spacing: float) -> NDArray[np.int64]:

@@ -115,7 +115,7 @@ def trace_source(
     seen = np.flatnonzero(visibility.seen)
     if len(seen) == 0:
         return None
-    plan, order = factorise(take(source.samples, seen), chirp, facet_taper=numerics.facet_taper)
+    plan, order = factorise(take(source.samples, seen), chirp, numerics)
     tiles = build_tiles(
         aperture,
         source.closest_m,
@@ -343,6 +343,7 @@ def _tile_bins(
             antennas,
             to_device(work.tile.ray_weights @ work.visibility.partial_visible),
             two_sided,
+            plan.lone_moments,
             response,
             work.frequency,
         )

@@ -164,7 +164,7 @@ def _side(positions: NDArray[np.float64]) -> tuple[Float, Float]:
 
 def _moving(side: tuple[Float, Float], seed: Float, motion: NDArray[np.float64]) -> tuple[Float, Float]:
     positions, ranges = side
-    vectors = dr.unravel(Array3f, positions, order="F")
+    vectors = dr.gather(Array3f, positions, dr.arange(UInt32, dr.width(ranges)))
     closing = dr.dot(vectors, Array3f(*(float(value) for value in motion))) * dr.rcp(ranges)
     return positions + seed * to_device(np.tile(motion, dr.width(ranges))), ranges + seed * closing
 
@@ -218,6 +218,7 @@ def deposit_samples(
     antennas: Antennas,
     visible: Float,
     two_sided: bool,
+    num_moments: int,
     response: Response | None,
     frequency: int,
 ) -> None:
@@ -229,6 +230,7 @@ def deposit_samples(
         members: rows of `samples` to sum.
         visible: 0 .. 1 for every (antenna, member).
         two_sided: see `echo_terms.echo`.
+        num_moments: 2 or 4; a lone sample lies within half a bin of its bin, where two may do.
         response, frequency: factor W of a pair and the entry of its frequencies; None for 1.
     """
     lane, row, column = antenna_lanes(antennas.count, dr.width(members))
@@ -241,16 +243,17 @@ def deposit_samples(
     amplitude = amplitude * seen
     bin_index, offset = bin_of(excess, ranges)
     real, imaginary = phasor(excess * dr.opaque(Float, -2.0 / ranges.wavelength_m))
-    # a lone sample lies within half a bin of its bin, where two moments reach the tolerance
     real, imaginary = real * amplitude, imaginary * amplitude
     if response is not None:
         reference = Array3f(*(dr.opaque(Float, float(value)) for value in ranges.center_m))
         entry = dr.opaque(UInt32, frequency)
         real, imaginary = _times(real, imaginary, response.surface(legs, cosine, normal, entry))
         real, imaginary = _times(real, imaginary, response.path(reference + point, legs, entry))
-    packet = Array4f(real, imaginary, real * offset, imaginary * offset)
     index = row * dr.opaque(UInt32, ranges.count) + bin_index
-    dr.scatter_reduce(dr.ReduceOp.Add, bins, packet, 2 * index, amplitude != 0)
+    for half in range(num_moments // 2):
+        packet = Array4f(real, imaginary, real * offset, imaginary * offset)
+        dr.scatter_reduce(dr.ReduceOp.Add, bins, packet, 2 * index + half, amplitude != 0)
+        real, imaginary = real * offset * offset, imaginary * offset * offset
 
 
 def _times(real: Any, imaginary: Any, factor: Any) -> tuple[Any, Any]:
