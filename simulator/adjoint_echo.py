@@ -51,7 +51,7 @@ def adjoint_echo(
     """
     tables = SampleTables(plan)
     response = None if response_plan is None else Response(response_plan)
-    to_bins = plan.ranges.to_samples.conj().T
+    to_bins = np.ascontiguousarray(plan.ranges.to_samples.conj().T)
     total = np.zeros((len(plan.cell_of_sample), SAMPLE_FLOATS))
     waiting: list[tuple[NDArray[np.int64], list[Float]]] = []
     for work in tiles:
@@ -60,8 +60,8 @@ def adjoint_echo(
         for frequency in range(1 if response_plan is None else len(response_plan.frequencies_hz)):
             spectrum = demodulated
             if response_plan is not None:
-                spectrum = spectrum * response_plan.to_samples[frequency].conj().astype(np.complex64)
-            bins = spectrum @ to_bins  # stage 4
+                spectrum = spectrum * response_plan.to_samples[frequency].conj()
+            bins = spectrum.astype(np.complex64) @ to_bins  # stage 4
             launched = [
                 _of_lit(plan, tables, work, bins, aperture, two_sided, response, frequency),
                 _of_partial(plan, tables, work, bins, aperture, two_sided, response, frequency),

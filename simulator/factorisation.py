@@ -16,8 +16,9 @@ from waveformer.simulator.numerics import Numerics
 from waveformer.simulator.quadrature import SurfaceSamples, take
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Aperture, Chirp
 from waveformer.simulator.range_bins import NUM_MOMENTS, RangeBins, range_bins
-from waveformer.simulator.response_plan import ResponsePlan
+from waveformer.simulator.response_plan import Crossings
 from waveformer.simulator.subapertures import Tile
+from waveformer.simulator.surroundings import Surroundings
 from waveformer.simulator.visibility import TileVisibility
 
 
@@ -107,14 +108,14 @@ def tile_work(plan: Factorisation, tile: Tile, visibility: TileVisibility) -> Ti
 
 
 def uneven_samples(
-    plan: Factorisation, tile: Tile, response: ResponsePlan, aperture: Aperture
+    plan: Factorisation, tile: Tile, surroundings: Surroundings, crossings: Crossings, aperture: Aperture
 ) -> NDArray[np.bool_]:
     """Samples (S,) whose ways to the antennas of a tile may cross different walls of the box."""
-    box = response.surroundings.box
-    if box is None or response.crossings == "none":
+    box = surroundings.box
+    if box is None or crossings == "none":
         return np.zeros(len(plan.cell_of_sample), dtype=bool)
     antennas = np.concatenate([aperture.tx_m[tile.rows], aperture.receivers_m[tile.rows]])
-    changes = leaving_changes if response.crossings == "leaving" else meets_box
+    changes = leaving_changes if crossings == "leaving" else meets_box
     return changes(box, plan.cells.centers_m, plan.cells.radius_m, antennas)[plan.cell_of_sample]
 
 

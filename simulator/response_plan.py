@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -78,6 +79,7 @@ def plan_response(
     bounds_m: NDArray[np.float64],
     antennas_m: NDArray[np.float64],
     facet_m: NDArray[np.float64] | None = None,
+    neighbours: Sequence[tuple[Material, Surroundings]] = (),
 ) -> ResponsePlan:
     """The fewest Chebyshev frequencies that interpolate W over the band.
 
@@ -91,33 +93,41 @@ def plan_response(
         tolerance: largest error of the interpolation over the largest W.
         bounds_m: corners of the target's bounding box, shape (2, 3).
         antennas_m: antennas, shape (A, 3).
+        neighbours: matter that differs a little; the difference of W is interpolated to the tolerance of its own
+            size, too, so that derivatives are right.
     """
     half_band = 0.5 * float(chirp.frequencies_hz[-1] - chirp.frequencies_hz[0])
     widest = _widest_angles(surroundings, crossings, bounds_m, antennas_m)
 
     def factor(unit: NDArray[np.float64]) -> NDArray[np.complex128]:
-        return _factor(material, surroundings, crossings, facet_m, widest, chirp.center_hz + half_band * unit)
+        """W and its differences to the neighbours, (F, 1 + neighbours, 2, 2, angles)."""
+        frequencies = chirp.center_hz + half_band * unit
+        scenes = [(material, surroundings), *neighbours]
+        own, *others = (_factor(*scene, crossings, facet_m, widest, frequencies) for scene in scenes)
+        return np.stack([own, *(other - own for other in others)], axis=1)
 
     unit_probes = np.linspace(-1.0, 1.0, _BAND_PROBES)
     at_probes = factor(unit_probes)
-    largest = np.abs(at_probes).max()
+    largest = np.abs(at_probes).max(axis=(0, 2, 3, 4), keepdims=True)
     samples = (chirp.frequencies_hz - chirp.center_hz) / half_band
     at_samples = factor(samples)
     # the spectrum of normal incidence, of a middle angle, or none
-    references = [*(angle for angle in (0, _ANGLE_PROBES // 3) if _divides(at_probes[:, 0, angle, 0])), None]
+    middle = _ANGLE_PROBES // 3
+    references = [*(angle for angle in (0, middle) if _divides(at_probes[:, 0, 0, angle, 0])), None]
     for count, reference in itertools.product(range(1, _MAX_FREQUENCIES + 1), references):
         unit = chebyshev_points(count)
         at_nodes = factor(unit)
         spectra = [
-            np.ones(len(part)) if reference is None else part[:, 0, reference, 0]
+            np.ones(len(part)) if reference is None else part[:, 0, 0, reference, 0]
             for part in (at_probes, at_nodes, at_samples)
         ]
         weights = lagrange_weights(unit, unit_probes) * spectra[0][:, None] / spectra[1]
-        if np.abs(np.tensordot(weights, at_nodes, axes=1) - at_probes).max() <= tolerance * largest:
+        error = np.abs(np.tensordot(weights, at_nodes, axes=1) - at_probes)
+        if (error <= tolerance * largest).all():
             break
     # of W itself, not of its phase, which jumps where W passes through zero
-    change = np.abs(np.diff(at_probes, axis=2)).max() / (np.pi / 2 / (_ANGLE_PROBES - 1))
-    slope = float(change / largest) if largest > 0 else 0.0
+    change = np.abs(np.diff(at_probes[:, 0], axis=2)).max() / (np.pi / 2 / (_ANGLE_PROBES - 1))
+    slope = float(change / largest.flat[0]) if largest.flat[0] > 0 else 0.0
     if facet_m is not None:  # the form factor turns by its half width, for both ways
         slope += 2.0 * np.pi * chirp.center_hz / SPEED_OF_LIGHT_M_PER_S * float(np.linalg.norm(facet_m))
     return ResponsePlan(

@@ -1,0 +1,152 @@
+"""The discrete part of a scene: how surfaces are cut into pieces, and which antenna sees which piece.
+
+Nothing here has a derivative. It is found once by rays and then held, while vertices, antennas and matter move: only
+the lengths and amplitudes of the ways that exist are differentiated, not whether they exist.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from waveformer.simulator.clusters import Cells, cell_bounds
+from waveformer.simulator.echo_operator import SurfaceEcho
+from waveformer.simulator.echo_source import EchoSource
+from waveformer.simulator.factorisation import (
+    TileWork,
+    plan_cells,
+    set_apart,
+    tile_work,
+    turning_samples,
+    uneven_samples,
+)
+from waveformer.simulator.fast_echo import trace_source
+from waveformer.simulator.mesh import SurfaceMesh
+from waveformer.simulator.numerics import Numerics
+from waveformer.simulator.placement import place_target
+from waveformer.simulator.quadrature import (
+    SurfaceSamples,
+    face_chunks,
+    faces_that_can_face,
+    sample_surface,
+)
+from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Aperture, Chirp
+from waveformer.simulator.response_plan import Crossings, ResponsePlan
+from waveformer.simulator.scene import build_scene
+from waveformer.simulator.subapertures import move_nodes, node_phase_per_metre
+from waveformer.simulator.surroundings import Surroundings
+from waveformer.simulator.target import Target
+from waveformer.simulator.tessellation import Tessellation, tessellate
+
+
+@dataclass(frozen=True, eq=False)
+class FrozenSurface:
+    """Some faces of a target: their pieces, cell by cell, and which tile sees which.
+
+    Attributes:
+        pieces: S pieces.
+        starts: first piece of every cell, shape (Q + 1,).
+        tiles: every tile of the aperture once.
+        two_sided: whether the back of the surface reflects.
+        closest_m: smallest distance from an antenna to the target.
+        crossings: walls of the box that its ways cross.
+        numerics: kernel settings.
+    """
+
+    pieces: Tessellation
+    starts: NDArray[np.int64]
+    tiles: tuple[TileWork, ...]
+    two_sided: bool
+    closest_m: float
+    crossings: Crossings
+    numerics: Numerics
+
+    def echo(
+        self,
+        samples: SurfaceSamples,
+        chirp: Chirp,
+        aperture: Aperture,
+        response: ResponsePlan | None,
+        scale: complex,
+    ) -> SurfaceEcho:
+        """The echo of these pieces where they are now.
+
+        Args:
+            samples: of the pieces, in their order.
+            chirp, aperture: the radar, the antennas where they are now.
+            response: factor W of a pair; None for 1.
+            scale: factor on the sum.
+        """
+        cells = Cells(np.arange(len(samples.points_m)), self.starts, *cell_bounds(samples.points_m, self.starts))
+        plan = plan_cells(samples, cells, chirp, self.numerics)
+        phase_per_metre = node_phase_per_metre(
+            self.closest_m,
+            cells.radius_m,
+            float(chirp.wavelengths_m[-1]),
+            0.0 if response is None else response.phase_per_radian,
+        )
+        tiles = tuple(
+            replace(work, tile=move_nodes(work.tile, aperture, phase_per_metre, self.numerics.tolerance))
+            for work in self.tiles
+        )
+        return SurfaceEcho(plan, tiles, self.two_sided, response, chirp, aperture, scale)
+
+
+def freeze_target(
+    mesh: SurfaceMesh, chirp: Chirp, aperture: Aperture, surroundings: Surroundings, numerics: Numerics
+) -> list[FrozenSurface]:
+    """Cut a target into pieces and trace what each tile of the aperture sees of it.
+
+    Args:
+        mesh: in the radar frame.
+        chirp, aperture: the radar.
+        surroundings: its box decides which pieces are summed antenna by antenna.
+        numerics: of the fast kernel.
+
+    Raises:
+        MeshError, RadarError: as `simulate`.
+    """
+    placed = place_target(Target(mesh), surroundings.box, chirp, aperture)
+    scene = build_scene([(mesh.vertices_m, mesh.faces)])
+    keep = faces_that_can_face(mesh.triangles_m, mesh.normals, mesh.two_sided, aperture.tx_m, aperture.receivers_m)
+    spacing_m = numerics.spacing_wavelengths * SPEED_OF_LIGHT_M_PER_S / chirp.center_hz
+    surfaces = []
+    for chunk in face_chunks(mesh, keep, spacing_m):
+        source = EchoSource(
+            sample_surface(mesh, np.eye(4), spacing_m, chunk), mesh.two_sided, placed.closest_m
+        )
+        traced = _trace(scene, source, chirp, aperture, surroundings, placed.crossings, numerics)
+        if traced is not None:
+            index, starts, tiles = traced
+            pieces = tessellate(mesh, spacing_m, chunk).take(index)
+            surfaces.append(
+                FrozenSurface(
+                    pieces, starts, tiles, mesh.two_sided, placed.closest_m, placed.crossings, numerics
+                )
+            )
+    return surfaces
+
+
+def _trace(
+    scene: Any,
+    source: EchoSource,
+    chirp: Chirp,
+    aperture: Aperture,
+    surroundings: Surroundings,
+    crossings: Crossings,
+    numerics: Numerics,
+) -> tuple[NDArray[np.int64], NDArray[np.int64], tuple[TileWork, ...]] | None:
+    """Which samples are kept, where their cells begin, and what every tile sees; None if nothing is seen."""
+    traced = trace_source(scene, source, chirp, aperture, numerics)
+    if traced is None:
+        return None
+    plan, index, visibility, tiles = traced
+    works = []
+    for tile in tiles:
+        apart = turning_samples(plan, tile, aperture)
+        apart |= uneven_samples(plan, tile, surroundings, crossings, aperture)
+        works.append(tile_work(plan, tile, set_apart(visibility.of_tile(tile), apart)))
+    return index, plan.cells.starts, tuple(works)
