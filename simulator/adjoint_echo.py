@@ -187,9 +187,7 @@ def _vectors(positions_m: NDArray[np.float64], index: NDArray[np.int64]) -> Any:
     return dr.gather(Array3f, to_device(positions_m), to_device_index(index))
 
 
-def _place_of(
-    plan: Factorisation, members: NDArray[np.int64], cells: NDArray[np.int64]
-) -> NDArray[np.int64]:
+def _place_of(plan: Factorisation, members: NDArray[np.int64], cells: NDArray[np.int64]) -> NDArray[np.int64]:
     """Place of every member's cell in a list of cells."""
     place = np.zeros(len(plan.cells), dtype=np.int64)
     place[cells] = np.arange(len(cells))

@@ -76,7 +76,14 @@ class SurfaceEcho:
         h, add = self._accumulator()
         with single_blas_thread():
             tangent_echo(
-                self.plan, self.tiles, self.two_sided, self.response, self.chirp, self.aperture, direction, add
+                self.plan,
+                self.tiles,
+                self.two_sided,
+                self.response,
+                self.chirp,
+                self.aperture,
+                direction,
+                add,
             )
         return h
 

@@ -236,7 +236,9 @@ def look(
     """What one tile sees, with its own rays."""
     seen = visibility.of_tile(tile)
     if response is not None:
-        seen = set_apart(seen, uneven_samples(plan, tile, response.surroundings, response.crossings, aperture))
+        seen = set_apart(
+            seen, uneven_samples(plan, tile, response.surroundings, response.crossings, aperture)
+        )
     return tile_work(plan, tile, seen)
 
 

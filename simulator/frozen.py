@@ -7,7 +7,7 @@ the lengths and amplitudes of the ways that exist are differentiated, not whethe
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,11 +44,10 @@ from waveformer.simulator.tessellation import Tessellation, tessellate
 
 @dataclass(frozen=True, eq=False)
 class FrozenSurface:
-    """Some faces of a target: their pieces, cell by cell, and which tile sees which.
+    """Samples cell by cell, and which tile sees which.
 
     Attributes:
-        pieces: S pieces.
-        starts: first piece of every cell, shape (Q + 1,).
+        starts: first sample of every cell, shape (Q + 1,).
         tiles: every tile of the aperture once.
         two_sided: whether the back of the surface reflects.
         closest_m: smallest distance from an antenna to the target.
@@ -56,7 +55,6 @@ class FrozenSurface:
         numerics: kernel settings.
     """
 
-    pieces: Tessellation
     starts: NDArray[np.int64]
     tiles: tuple[TileWork, ...]
     two_sided: bool
@@ -72,15 +70,17 @@ class FrozenSurface:
         response: ResponsePlan | None,
         scale: complex,
     ) -> SurfaceEcho:
-        """The echo of these pieces where they are now.
+        """The echo of these samples where they are now.
 
         Args:
-            samples: of the pieces, in their order.
+            samples: in the order of the cells.
             chirp, aperture: the radar, the antennas where they are now.
             response: factor W of a pair; None for 1.
             scale: factor on the sum.
         """
-        cells = Cells(np.arange(len(samples.points_m)), self.starts, *cell_bounds(samples.points_m, self.starts))
+        cells = Cells(
+            np.arange(len(samples.points_m)), self.starts, *cell_bounds(samples.points_m, self.starts)
+        )
         plan = plan_cells(samples, cells, chirp, self.numerics)
         phase_per_metre = node_phase_per_metre(
             self.closest_m,
@@ -95,9 +95,21 @@ class FrozenSurface:
         return SurfaceEcho(plan, tiles, self.two_sided, response, chirp, aperture, scale)
 
 
+class FrozenTarget(NamedTuple):
+    """Some faces of a target.
+
+    Attributes:
+        surface: what sees their pieces.
+        pieces: the pieces, in the order of the cells.
+    """
+
+    surface: FrozenSurface
+    pieces: Tessellation
+
+
 def freeze_target(
     mesh: SurfaceMesh, chirp: Chirp, aperture: Aperture, surroundings: Surroundings, numerics: Numerics
-) -> list[FrozenSurface]:
+) -> list[FrozenTarget]:
     """Cut a target into pieces and trace what each tile of the aperture sees of it.
 
     Args:
@@ -111,9 +123,11 @@ def freeze_target(
     """
     placed = place_target(Target(mesh), surroundings.box, chirp, aperture)
     scene = build_scene([(mesh.vertices_m, mesh.faces)])
-    keep = faces_that_can_face(mesh.triangles_m, mesh.normals, mesh.two_sided, aperture.tx_m, aperture.receivers_m)
+    keep = faces_that_can_face(
+        mesh.triangles_m, mesh.normals, mesh.two_sided, aperture.tx_m, aperture.receivers_m
+    )
     spacing_m = numerics.spacing_wavelengths * SPEED_OF_LIGHT_M_PER_S / chirp.center_hz
-    surfaces = []
+    targets = []
     for chunk in face_chunks(mesh, keep, spacing_m):
         source = EchoSource(
             sample_surface(mesh, np.eye(4), spacing_m, chunk), mesh.two_sided, placed.closest_m
@@ -121,13 +135,11 @@ def freeze_target(
         traced = _trace(scene, source, chirp, aperture, surroundings, placed.crossings, numerics)
         if traced is not None:
             index, starts, tiles = traced
-            pieces = tessellate(mesh, spacing_m, chunk).take(index)
-            surfaces.append(
-                FrozenSurface(
-                    pieces, starts, tiles, mesh.two_sided, placed.closest_m, placed.crossings, numerics
-                )
+            surface = FrozenSurface(
+                starts, tiles, mesh.two_sided, placed.closest_m, placed.crossings, numerics
             )
-    return surfaces
+            targets.append(FrozenTarget(surface, tessellate(mesh, spacing_m, chunk).take(index)))
+    return targets
 
 
 def _trace(

@@ -130,7 +130,13 @@ def _deposit_partial(
     tx_m, rx_m = aperture.tx_m[rows][:, None], aperture.receivers_m[rows][:, None]
     weight = _response(response, item, samples.points_m[partial], samples.normals[partial], tx_m, rx_m)
     moments[..., 0] = amplitude * weight
-    _deposit(bins, plan.ranges, moments, _excess(aperture, item, plan, samples.points_m[partial]), count=plan.lone_moments)
+    _deposit(
+        bins,
+        plan.ranges,
+        moments,
+        _excess(aperture, item, plan, samples.points_m[partial]),
+        count=plan.lone_moments,
+    )
 
 
 def _excess(

@@ -11,7 +11,7 @@ every sheet and wall that the two ways cross, times the amplitude gains of both 
 from __future__ import annotations
 
 from copy import copy
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import drjit as dr
 import numpy as np
@@ -23,10 +23,9 @@ from waveformer.simulator.echo_terms import Leg, straight_leg
 from waveformer.simulator.form_factor import rectangle_form_factor
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S
 from waveformer.simulator.reflection import coherent_loss
-from waveformer.simulator.response_plan import ResponsePlan
+from waveformer.simulator.response_plan import ResponsePlan, WallChange
 from waveformer.simulator.response_tables import (
     GAIN_ENTRIES,
-    Component,
     gain_tables,
     look_up,
     reflection_table,
@@ -52,18 +51,6 @@ class _Field(NamedTuple):
             transmit_p.real * self.real - transmit_p.imag * self.imaginary + extra.real * across,
             transmit_p.real * self.imaginary + transmit_p.imag * self.real + extra.imag * across,
         )
-
-
-class WallChange(NamedTuple):
-    """One number that matter is described by.
-
-    Attributes:
-        wall: sheets in their order, then the box; None for the surface of the target.
-        component: real and imaginary part of the permittivity, thickness in metres, roughness in metres.
-    """
-
-    wall: int | None
-    component: Component | Literal["roughness"]
 
 
 class Path(NamedTuple):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,11 +28,26 @@ from waveformer.simulator.surroundings import Surroundings
 # Which walls of the box a way crosses: none, the one by which it leaves, or any that it meets.
 Crossings = Literal["none", "leaving", "any"]
 
+# What a wall is described by: real and imaginary part of its permittivity, and its thickness in metres.
+Component = Literal["real", "imaginary", "thickness"]
+
 _MAX_FREQUENCIES = 24
 _BAND_PROBES = 49
 # Angles at which the smoothness of W is judged, and the largest: beyond it a way hardly carries anything.
 _ANGLE_PROBES = 31
 _STEEPEST_RAD = np.radians(85.0)
+
+
+class WallChange(NamedTuple):
+    """One number that matter is described by.
+
+    Attributes:
+        wall: sheets in their order, then the box; None for the surface of the target.
+        component: real and imaginary part of the permittivity, thickness in metres, roughness in metres.
+    """
+
+    wall: int | None
+    component: Component | Literal["roughness"]
 
 
 @dataclass(frozen=True, eq=False)

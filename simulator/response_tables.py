@@ -6,7 +6,7 @@ They are filled by `reflection`, the one implementation, and looked up many mill
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import drjit as dr
 import numpy as np
@@ -17,10 +17,8 @@ from waveformer.simulator.device import to_device
 from waveformer.simulator.materials import Material
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S
 from waveformer.simulator.reflection import refraction_terms, wall_coefficients
+from waveformer.simulator.response_plan import Component
 from waveformer.simulator.surroundings import Surroundings
-
-# What a wall is described by: real and imaginary part of its permittivity, and its thickness in metres.
-Component = Literal["real", "imaginary", "thickness"]
 
 # Entries of an antenna's table over sin(angle): a step of 0.1 degrees at broadside.
 GAIN_ENTRIES = 1025

@@ -8,8 +8,7 @@ the direction through stages 1 and 3, stages 2 and 4 are linear.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import drjit as dr
 import numpy as np
@@ -22,8 +21,8 @@ from waveformer.simulator.fast_echo import SampleTables, in_batches, node_lanes
 from waveformer.simulator.kernel_factorised import Antennas, cell_moments, deposit_cells, deposit_samples
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Aperture, Chirp
 from waveformer.simulator.range_bins import NUM_MOMENTS, reference_phase
-from waveformer.simulator.response import Response, WallChange
-from waveformer.simulator.response_plan import ResponsePlan
+from waveformer.simulator.response import Response
+from waveformer.simulator.response_plan import ResponsePlan, WallChange
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +96,9 @@ def _moving(table: Float, seed: Float, velocity: NDArray[np.float64] | None) -> 
 
 
 def _along(response: Response | None, seed: Float, direction: Direction) -> Response | None:
-    return response if response is None or direction.matter is None else response.along(seed, direction.matter)
+    return (
+        response if response is None or direction.matter is None else response.along(seed, direction.matter)
+    )
 
 
 def _moments_at_nodes(
@@ -116,9 +117,13 @@ def _moments_at_nodes(
     seed = dr.opaque(Float, 0.0)
     dr.enable_grad(seed)
     nodes = sum(shape[2] for shape in shapes)
-    lanes = lanes._replace(transmitters=_moving(lanes.transmitters, seed, _repeated(direction.transmitters_m, nodes)))
+    lanes = lanes._replace(
+        transmitters=_moving(lanes.transmitters, seed, _repeated(direction.transmitters_m, nodes))
+    )
     if lanes.receivers is not None:
-        lanes = lanes._replace(receivers=_moving(lanes.receivers, seed, _repeated(direction.receivers_m, nodes)))
+        lanes = lanes._replace(
+            receivers=_moving(lanes.receivers, seed, _repeated(direction.receivers_m, nodes))
+        )
     moments = cell_moments(
         _moving(tables.in_cells, seed, direction.samples), members, lanes, plan.ranges, two_sided,
         _along(response, seed, direction),
