@@ -14,7 +14,12 @@ from waveformer.simulator.quadrature import SurfaceSamples
 
 
 def wall_pieces(
-    box: Box, edge_m: float, antennas_m: NDArray[np.float64], *, inside: bool
+    box: Box,
+    edge_m: float,
+    antennas_m: NDArray[np.float64],
+    *,
+    inside: bool,
+    counts: NDArray[np.int64] | None = None,
 ) -> tuple[SurfaceSamples, NDArray[np.float64]]:
     """Rectangles of the six outer or inner faces, but for faces that no antenna looks at.
 
@@ -23,6 +28,7 @@ def wall_pieces(
         edge_m: longest edge of a rectangle.
         antennas_m: all antennas, shape (A, 3).
         inside: the inner faces, normals inwards; otherwise the outer ones, normals outwards.
+        counts: rectangles along x, y and z, shape (3,); None for as many as the edge asks for.
 
     Returns:
         The samples, and the edges of every rectangle along x, y and z, shape (3,): the edge along a wall's normal
@@ -30,7 +36,8 @@ def wall_pieces(
     """
     inset = box.thickness_m if inside else 0.0
     low, high = np.asarray(box.min_m) + inset, np.asarray(box.max_m) - inset
-    counts = np.ceil((high - low) / edge_m).astype(np.int64)
+    if counts is None:
+        counts = np.ceil((high - low) / edge_m).astype(np.int64)
     edges = (high - low) / counts
     ticks = [low[axis] + (np.arange(counts[axis]) + 0.5) * edges[axis] for axis in range(3)]
     points, normals, areas = [np.empty((0, 3))], [np.empty((0, 3))], [np.empty(0)]

@@ -8,7 +8,7 @@ surface does not show in a gradient (docs/inverse_problems.md has the bias by th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from waveformer.simulator.antenna import Antenna
 from waveformer.simulator.differentiable_echo import differentiable_echo
 from waveformer.simulator.differentiable_imaging import backproject, project
+from waveformer.simulator.echo_operator import EchoTerm
 from waveformer.simulator.errors import MeshError, RadarError
 from waveformer.simulator.factorisation import taper_scale
 from waveformer.simulator.matter_parameters import Box, Matter, Sheet, changed
@@ -26,8 +27,9 @@ from waveformer.simulator.mesh import SurfaceMesh, load_mesh
 from waveformer.simulator.numerics import DIFFERENTIABLE, Numerics
 from waveformer.simulator.quadrature import SurfaceSamples
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Aperture, Chirp
-from waveformer.simulator.response_plan import constant_response, plan_response
+from waveformer.simulator.response_plan import WallChange, constant_response, plan_response
 from waveformer.simulator.runtime import activate
+from waveformer.simulator.surroundings import Surroundings
 from waveformer.simulator.tessellation import Tessellation
 
 __all__ = ["Box", "FrozenScene", "Sheet", "backproject", "freeze", "project", "simulate", "simulate_drjit"]
@@ -40,6 +42,7 @@ class FrozenScene:
     Attributes:
         faces: of the mesh, without those of zero area, shape (F, 3).
         targets: pieces of its faces, and what sees them.
+        walls: faces of the box.
         chirp: the radar's.
         num_pairs: N.
         numerics: kernel settings.
@@ -47,6 +50,7 @@ class FrozenScene:
 
     faces: NDArray[np.int64]
     targets: list[Any]
+    walls: list[Any]
     chirp: Chirp
     num_pairs: int
     numerics: Numerics
@@ -82,14 +86,18 @@ def freeze(
     """
     activate()
     from waveformer.simulator.frozen import freeze_target
+    from waveformer.simulator.frozen_surroundings import freeze_walls
+    from waveformer.simulator.scene import build_scene
 
     numerics = _numerics(mode)
     mesh = _mesh(_array("vertices", vertices, 3), _array("faces", faces, 3))
     aperture = Aperture(_array("tx_m", tx_m, 3), None if rx_m is None else _array("rx_m", rx_m, 3))
     matter = Matter(None, None, 0.0, _as_tuple(sheets), box)
     surroundings = matter.surroundings(Antenna.isotropic(), (0.0, 1.0, 0.0))
-    targets = freeze_target(mesh, chirp, aperture, surroundings, numerics)
-    return FrozenScene(mesh.faces, targets, chirp, len(aperture), numerics)
+    scene = build_scene([(mesh.vertices_m, mesh.faces)])
+    targets = freeze_target(scene, mesh, chirp, aperture, surroundings, numerics)
+    walls = freeze_walls(scene, chirp, aperture, surroundings, numerics)
+    return FrozenScene(mesh.faces, targets, walls, chirp, len(aperture), numerics)
 
 
 def simulate(
@@ -171,8 +179,11 @@ def simulate(
                 np.concatenate([aperture.tx_m, aperture.receivers_m]), neighbours=neighbours,
             )  # fmt: skip
         term = target.surface.echo(placed, chirp, aperture, response, scale)
-        h = h + differentiable_echo(term, aperture, samples, transmitters, receivers, numbers)
+        h = h + differentiable_echo(term, samples, transmitters, receivers, numbers)
     h = h * _scalar("reflectivity", reflectivity, h)
+    of_walls = [(change, number) for change, number in numbers if change.wall is not None]
+    for echo in _surroundings_echoes(frozen, surroundings, aperture, [change for change, _ in of_walls]):
+        h = h + differentiable_echo(echo, None, transmitters, receivers, of_walls)
     gain = 10.0 ** (_scalar("antenna_gain_db", antenna_gain_db, h) / 10.0)
     frequencies = torch.from_numpy(np.array(chirp.frequencies_hz)).to(h.device)
     bias = _scalar("range_bias_m", range_bias_m, h).double()
@@ -202,9 +213,25 @@ def simulate_drjit(
     return dr.wrap(source="drjit", target="torch")(in_torch)(vertices, tx_m, rx_m, numbers)
 
 
+def _surroundings_echoes(
+    frozen: FrozenScene,
+    surroundings: Surroundings,
+    aperture: Aperture,
+    changes: list[WallChange],
+) -> Iterator[EchoTerm]:
+    """What the box and the sheets send back themselves."""
+    from waveformer.simulator.frozen_surroundings import SheetEcho
+
+    for walls in frozen.walls:
+        yield walls.echo(surroundings, frozen.chirp, aperture, changes)
+    for place, sheet in enumerate(surroundings.sheets):
+        if sheet.echo:
+            yield SheetEcho(place, surroundings, frozen.chirp, aperture)
+
+
 def _samples(vertices: torch.Tensor, frozen: FrozenScene, pieces: Tessellation) -> torch.Tensor:
     """Point, normal, area and taper of every piece, (S, 8) float64, following the vertices."""
-    faces = torch.from_numpy(frozen.faces).to(vertices.device)
+    faces = torch.tensor(frozen.faces).to(vertices.device)
     corners = vertices.double()[faces]  # (F, 3, 3)
     u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     cross = torch.linalg.cross(u, v)

@@ -9,14 +9,12 @@ import torch
 from numpy.typing import NDArray
 
 from waveformer.simulator.echo_operator import EchoTerm
-from waveformer.simulator.radar import Aperture
 from waveformer.simulator.response_plan import WallChange
 from waveformer.simulator.tangent_echo import Direction
 
 
 def differentiable_echo(
     term: EchoTerm,
-    aperture: Aperture,
     samples: torch.Tensor | None,
     tx_m: torch.Tensor,
     rx_m: torch.Tensor | None,
@@ -26,7 +24,6 @@ def differentiable_echo(
 
     Args:
         term: the echo at the present values.
-        aperture: the antennas at the present values.
         samples: point, normal, area and taper of every sample (S, 8); None if they are constant.
         tx_m, rx_m: antennas (N, 3); rx_m None means monostatic.
         matter: numbers of the matter, real scalars.

@@ -35,7 +35,6 @@ from waveformer.simulator.quadrature import (
 )
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Aperture, Chirp
 from waveformer.simulator.response_plan import Crossings, ResponsePlan
-from waveformer.simulator.scene import build_scene
 from waveformer.simulator.subapertures import move_nodes, node_phase_per_metre
 from waveformer.simulator.surroundings import Surroundings
 from waveformer.simulator.target import Target
@@ -108,11 +107,17 @@ class FrozenTarget(NamedTuple):
 
 
 def freeze_target(
-    mesh: SurfaceMesh, chirp: Chirp, aperture: Aperture, surroundings: Surroundings, numerics: Numerics
+    scene: Any,
+    mesh: SurfaceMesh,
+    chirp: Chirp,
+    aperture: Aperture,
+    surroundings: Surroundings,
+    numerics: Numerics,
 ) -> list[FrozenTarget]:
     """Cut a target into pieces and trace what each tile of the aperture sees of it.
 
     Args:
+        scene: Mitsuba scene of everything that shadows.
         mesh: in the radar frame.
         chirp, aperture: the radar.
         surroundings: its box decides which pieces are summed antenna by antenna.
@@ -122,7 +127,6 @@ def freeze_target(
         MeshError, RadarError: as `simulate`.
     """
     placed = place_target(Target(mesh), surroundings.box, chirp, aperture)
-    scene = build_scene([(mesh.vertices_m, mesh.faces)])
     keep = faces_that_can_face(
         mesh.triangles_m, mesh.normals, mesh.two_sided, aperture.tx_m, aperture.receivers_m
     )
@@ -132,17 +136,14 @@ def freeze_target(
         source = EchoSource(
             sample_surface(mesh, np.eye(4), spacing_m, chunk), mesh.two_sided, placed.closest_m
         )
-        traced = _trace(scene, source, chirp, aperture, surroundings, placed.crossings, numerics)
-        if traced is not None:
-            index, starts, tiles = traced
-            surface = FrozenSurface(
-                starts, tiles, mesh.two_sided, placed.closest_m, placed.crossings, numerics
-            )
+        frozen = freeze_source(scene, source, chirp, aperture, surroundings, placed.crossings, numerics)
+        if frozen is not None:
+            surface, index = frozen
             targets.append(FrozenTarget(surface, tessellate(mesh, spacing_m, chunk).take(index)))
     return targets
 
 
-def _trace(
+def freeze_source(
     scene: Any,
     source: EchoSource,
     chirp: Chirp,
@@ -150,8 +151,8 @@ def _trace(
     surroundings: Surroundings,
     crossings: Crossings,
     numerics: Numerics,
-) -> tuple[NDArray[np.int64], NDArray[np.int64], tuple[TileWork, ...]] | None:
-    """Which samples are kept, where their cells begin, and what every tile sees; None if nothing is seen."""
+) -> tuple[FrozenSurface, NDArray[np.int64]] | None:
+    """What sees the samples of a source, and which of them it is about, cell by cell; None if nothing is seen."""
     traced = trace_source(scene, source, chirp, aperture, numerics)
     if traced is None:
         return None
@@ -161,4 +162,7 @@ def _trace(
         apart = turning_samples(plan, tile, aperture)
         apart |= uneven_samples(plan, tile, surroundings, crossings, aperture)
         works.append(tile_work(plan, tile, set_apart(visibility.of_tile(tile), apart)))
-    return index, plan.cells.starts, tuple(works)
+    surface = FrozenSurface(
+        plan.cells.starts, tuple(works), source.two_sided, source.closest_m, crossings, numerics
+    )
+    return surface, index

@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 
 import drjit as dr
 import numpy as np
-from numpy.typing import NDArray
 
 from waveformer.simulator.backend import Array3f, Complex2f, Float, UInt32
 from waveformer.simulator.device import to_device
@@ -81,7 +80,8 @@ class Response:
         self._walls = [sheet.material for sheet in surroundings.sheets]
         if surroundings.box is not None:
             self._walls.append(surroundings.box.material)
-        self._changes: dict[WallChange, tuple[Float, ...]] = {}
+        self._reflection_changes: dict[WallChange, Float] = {}
+        self._transmission_changes: dict[WallChange, tuple[Float, Float]] = {}
         self._roughness = dr.opaque(Float, material.roughness_m)
         self._wavenumbers = to_device(2.0 * np.pi * plan.frequencies_hz / SPEED_OF_LIGHT_M_PER_S)
         self._reflections = None if material.is_conductor else reflection_table(material, plan.frequencies_hz)
@@ -93,32 +93,38 @@ class Response:
 
     def along(self, seed: Float, change: WallChange) -> Response:
         """The same factor with one number of its matter moving with the seed."""
-        moving, frequencies = copy(self), self._plan.frequencies_hz
-        if change.component == "roughness":
+        moving = copy(self)
+        if change.wall == self._plan.surface_wall and change.component == "roughness":
             moving._roughness = self._roughness + seed
-        elif change.wall is None:
-            assert self._reflections is not None
-            moving._reflections = self._reflections + seed * self._changed(change, frequencies)[0]
-        else:
+        elif change.wall == self._plan.surface_wall and self._reflections is not None:
+            moving._reflections = self._reflections + seed * self._reflection_change(change)
+        if change == WallChange(self._plan.surface_wall, "thickness") and self._plan.facet_growth is not None:
+            moving._facet = self._facet + seed * _constant(self._plan.facet_growth)
+        if change.wall is not None:
             moving._transmissions = list(self._transmissions)
             moving._transmissions[change.wall] = tuple(
                 table + seed * moved
                 for table, moved in zip(
-                    self._transmissions[change.wall], self._changed(change, frequencies), strict=True
+                    self._transmissions[change.wall], self._transmission_change(change), strict=True
                 )
             )
         return moving
 
-    def _changed(self, change: WallChange, frequencies_hz: NDArray[np.float64]) -> tuple[Float, ...]:
-        """Derivatives of the tables of one wall, or of the surface; kept, since many launches share them."""
-        if change not in self._changes:
-            assert change.component != "roughness"
-            if change.wall is None:
-                self._changes[change] = (reflection_table(self._material, frequencies_hz, change.component),)
-            else:
-                wall = self._walls[change.wall]
-                self._changes[change] = transmission_tables(wall, frequencies_hz, change.component)
-        return self._changes[change]
+    # Derivatives of tables are kept: many launches share them.
+    def _reflection_change(self, change: WallChange) -> Float:
+        assert change.component != "roughness"
+        if change not in self._reflection_changes:
+            table = reflection_table(self._material, self._plan.frequencies_hz, change.component)
+            self._reflection_changes[change] = table
+        return self._reflection_changes[change]
+
+    def _transmission_change(self, change: WallChange) -> tuple[Float, Float]:
+        assert change.wall is not None and change.component != "roughness"
+        if change not in self._transmission_changes:
+            wall = self._walls[change.wall]
+            tables = transmission_tables(wall, self._plan.frequencies_hz, change.component)
+            self._transmission_changes[change] = tables
+        return self._transmission_changes[change]
 
     def surface(self, legs: list[Leg], cosine: Any, normal: Any, frequency: UInt32) -> Any:
         """Gamma at the local angle, with the form factor of flat rectangular samples.

@@ -65,6 +65,8 @@ class ResponsePlan:
         phase_per_radian: largest change of the phase of W with the angle of a way.
         facet_m: edges of flat rectangular samples along x, y and z, whose form factor W includes, shape (3,); None
             for samples that are small.
+        surface_wall: which wall the surface belongs to (see `WallChange`); None for a target.
+        facet_growth: of `facet_m` with the thickness of that wall, shape (3,); None if it stays.
     """
 
     material: Material
@@ -74,6 +76,8 @@ class ResponsePlan:
     to_samples: NDArray[np.complex128] | NDArray[np.float64]
     phase_per_radian: float
     facet_m: NDArray[np.float64] | None = None
+    surface_wall: int | None = None
+    facet_growth: NDArray[np.float64] | None = None
 
 
 def constant_response(material: Material, surroundings: Surroundings) -> complex | None:

@@ -18,7 +18,7 @@ from waveformer.simulator.surroundings import Surroundings
 
 def sheet_echo(
     sheet: Sheet, surroundings: Surroundings, chirp: Chirp, aperture: Aperture, tolerance: float
-) -> NDArray[np.complex64]:
+) -> NDArray[np.complex128]:
     """Echo of an infinite sheet, h = r lambda / (4 pi L) exp(-j k L), L the path by way of its face.
 
     Exact for an infinite mirror, for pairs, too; r is the plane wave's at the angle of reflection. Other sheets
@@ -48,4 +48,4 @@ def sheet_echo(
     response = np.stack(weights, axis=1) @ plan.to_samples
     phase = np.exp(-2j * np.pi * chirp.frequencies_hz * (length / SPEED_OF_LIGHT_M_PER_S)[:, None])
     spreading = chirp.wavelengths_m / (4.0 * np.pi) / length[:, None]
-    return np.asarray(response * phase * spreading, dtype=np.complex64)
+    return np.asarray(response * phase * spreading)
