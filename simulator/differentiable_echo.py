@@ -73,7 +73,9 @@ class _Echo(torch.autograd.Function):
                 results[place] = np.stack(columns, axis=1)
         for place, change in enumerate(ctx.changes, start=3):
             if wanted[place]:
-                results[place] = np.array(_per_antenna(ctx.term, by_h, Direction(matter=change)).sum())
+                results[place] = np.array(
+                    _per_antenna(ctx.term, by_h, Direction(matter=((change, 1.0),))).sum()
+                )
         tensors = [
             None if value is None else torch.from_numpy(value).to(dtype=like[0], device=like[1])
             for value, like in zip(results, ctx.inputs, strict=True)
@@ -83,27 +85,27 @@ class _Echo(torch.autograd.Function):
     @staticmethod
     def jvp(ctx: Any, *tangents: Any) -> torch.Tensor:
         samples, tx_m, rx_m, *numbers = tangents[2:]
-        total: NDArray[np.complex64] | None = None
-
-        def add(part: NDArray[Any]) -> None:
-            nonlocal total
-            total = part if total is None else total + part
-
-        if samples is not None:
-            add(ctx.term.derivative(Direction(samples=samples.detach().cpu().double().numpy())))
+        rates = [
+            (change, 0.0 if rate is None else float(rate))
+            for change, rate in zip(ctx.changes, numbers, strict=True)
+        ]
+        velocities = None if samples is None else _velocity(samples)
+        matter = tuple((change, rate) for change, rate in rates if rate != 0.0)
+        parts = []
+        if matter or (velocities is not None and velocities.any()):
+            parts.append(ctx.term.derivative(Direction(samples=velocities, matter=matter)))
         for motion, moving in ((tx_m, _transmitters), (rx_m, _receivers)):
             if motion is not None:
-                velocity = motion.detach().cpu().double().numpy()
-                for axis in range(3):
-                    if velocity[:, axis].any():
-                        add(velocity[:, axis, None] * ctx.term.derivative(moving(axis)))
-        for change, rate in zip(ctx.changes, numbers, strict=True):
-            if rate is not None:
-                add(float(rate) * ctx.term.derivative(Direction(matter=change)))
+                velocity = _velocity(motion)
+                for axis in np.flatnonzero(velocity.any(axis=0)):
+                    parts.append(velocity[:, axis, None] * ctx.term.derivative(moving(int(axis))))
         device = next(like for like in ctx.inputs if like is not None)[1]
-        if total is None:
-            total = np.zeros_like(ctx.term.value())
+        total = np.sum(parts, axis=0) if parts else np.zeros_like(ctx.term.value())
         return torch.from_numpy(total.astype(np.complex64)).to(device)
+
+
+def _velocity(tangent: torch.Tensor) -> NDArray[np.float64]:
+    return np.asarray(tangent.detach().cpu().double().numpy())
 
 
 def _transmitters(axis: int) -> Direction:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -86,15 +87,16 @@ class FrozenWalls:
 
     def _moves(self, surroundings: Surroundings, direction: Direction) -> NDArray[np.float64] | None:
         """The inner faces move as the walls get thicker."""
-        change = direction.matter
-        if not self.inside or change != WallChange(len(surroundings.sheets), "thickness"):
+        change = WallChange(len(surroundings.sheets), "thickness")
+        rate = dict(direction.matter).get(change, 0.0)
+        if not self.inside or rate == 0.0:
             return None
         assert surroundings.box is not None
         _, thicker, step = changed(surroundings.box.material, surroundings, change)
         near, far = self._samples(surroundings)[0], self._samples(thicker)[0]
         moved = [far.points_m - near.points_m, far.normals - near.normals]
         moved += [(far.areas_m2 - near.areas_m2)[:, None], np.zeros((len(near.points_m), 1))]
-        return np.concatenate(moved, axis=1) / step
+        return np.concatenate(moved, axis=1) * (rate / step)
 
 
 def freeze_walls(
@@ -143,17 +145,27 @@ class SheetEcho:
 
     def derivative(self, direction: Direction) -> NDArray[np.complex64]:
         """Its derivative along a direction, shape (N, T)."""
-        ends, step = [], _STEP_M
-        for sign in (-1.0, 1.0):
-            surroundings = self.surroundings
-            if direction.matter is not None and direction.matter.wall is not None:
-                wall = self.surroundings.sheets[0].material  # not looked at: the change names a wall
-                _, surroundings, moved = changed(
-                    wall, surroundings, direction.matter, sign * _STEPS_OF_MATTER
-                )
-                step = abs(moved)
-            ends.append(self._at(surroundings, self._moved(direction, sign * _STEP_M)))
-        return ((ends[1] - ends[0]) / (2.0 * step)).astype(np.complex64)
+        total = self._difference(
+            lambda sign: self._at(self.surroundings, self._moved(direction, sign * _STEP_M)), _STEP_M
+        )
+        for change, rate in direction.matter:
+            if change.wall is not None:
+                total += rate * self._by_matter(change)
+        return total.astype(np.complex64)
+
+    def _by_matter(self, change: WallChange) -> NDArray[np.complex128]:
+        wall = self.surroundings.sheets[0].material  # not looked at: the change names a wall
+        step = changed(wall, self.surroundings, change, _STEPS_OF_MATTER)[2]
+
+        def at(sign: float) -> NDArray[np.complex128]:
+            _, surroundings, _ = changed(wall, self.surroundings, change, sign * _STEPS_OF_MATTER)
+            return self._at(surroundings, self.aperture)
+
+        return self._difference(at, step)
+
+    @staticmethod
+    def _difference(at: Callable[[float], NDArray[np.complex128]], step: float) -> NDArray[np.complex128]:
+        return np.asarray((at(1.0) - at(-1.0)) / (2.0 * step))
 
     def sample_gradient(self, gradient: NDArray[np.complex64]) -> NDArray[np.float64]:
         """A sheet has no samples."""

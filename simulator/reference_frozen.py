@@ -93,7 +93,8 @@ class FrozenTwin:
     def _taper(self, samples: SurfaceSamples) -> NDArray[np.float64]:
         """(2 k)^2 variance / 8 of every piece, (S,)."""
         wavenumber = 2.0 * np.pi * self.scene.chirp.center_hz / SPEED_OF_LIGHT_M_PER_S
-        return (2.0 * wavenumber) ** 2 * samples.spread_m2 / 8.0 * self.scene.numerics.facet_taper
+        form_factor = float(self.scene.numerics.facet_taper)
+        return np.asarray((2.0 * wavenumber) ** 2 * samples.spread_m2 / 8.0 * form_factor)
 
 
 def samples_of(
@@ -165,10 +166,13 @@ def _sum(
         form_factor = (1.0 - taper[seen] * (bisector - cosine**2)) ** 4
         # a share is negative where the back is seen, and so is the cosine
         weight = shares[row, seen] * cosine * samples.areas_m2[seen] / (ranges[0] * ranges[1]) * form_factor
+        path = ranges[0] + ranges[1]
+        turn = weight * np.exp(-2j * np.pi / SPEED_OF_LIGHT_M_PER_S * chirp.start_hz * path)
+        step = np.exp(-2j * np.pi / SPEED_OF_LIGHT_M_PER_S * chirp.bandwidth_hz / chirp.num_samples * path)
         for sample, frequency in enumerate(chirp.frequencies_hz):
-            turn = np.exp(-2j * np.pi * frequency / SPEED_OF_LIGHT_M_PER_S * (ranges[0] + ranges[1]))
             response = _response(plan, float(frequency), points, normals, tx, rx)
-            h[row, sample] = 1j / (4.0 * np.pi) * (weight * turn * response).sum()
+            h[row, sample] = 1j / (4.0 * np.pi) * (turn * response).sum()
+            turn = turn * step
     return h
 
 

@@ -10,6 +10,7 @@ every sheet and wall that the two ways cross, times the amplitude gains of both 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from typing import Any, NamedTuple
 
@@ -91,24 +92,28 @@ class Response:
         broadside = surroundings.antenna.amplitude(np.array([0.0, 0.0, 1.0]))
         self._broadside = dr.opaque(Float, float(broadside))
 
-    def along(self, seed: Float, change: WallChange) -> Response:
-        """The same factor with one number of its matter moving with the seed."""
+    def along(self, seed: Float, changes: Sequence[tuple[WallChange, float]]) -> Response:
+        """The same factor with numbers of its matter moving with the seed, each at its rate."""
         moving = copy(self)
+        moving._transmissions = list(self._transmissions)
+        for change, rate in changes:
+            moving._move(seed * rate, change)
+        return moving
+
+    def _move(self, seed: Any, change: WallChange) -> None:
         if change.wall == self._plan.surface_wall and change.component == "roughness":
-            moving._roughness = self._roughness + seed
+            self._roughness = self._roughness + seed
         elif change.wall == self._plan.surface_wall and self._reflections is not None:
-            moving._reflections = self._reflections + seed * self._reflection_change(change)
+            self._reflections = self._reflections + seed * self._reflection_change(change)
         if change == WallChange(self._plan.surface_wall, "thickness") and self._plan.facet_growth is not None:
-            moving._facet = self._facet + seed * _constant(self._plan.facet_growth)
+            self._facet = self._facet + seed * _constant(self._plan.facet_growth)
         if change.wall is not None:
-            moving._transmissions = list(self._transmissions)
-            moving._transmissions[change.wall] = tuple(
+            self._transmissions[change.wall] = tuple(
                 table + seed * moved
                 for table, moved in zip(
                     self._transmissions[change.wall], self._transmission_change(change), strict=True
                 )
             )
-        return moving
 
     # Derivatives of tables are kept: many launches share them.
     def _reflection_change(self, change: WallChange) -> Float:

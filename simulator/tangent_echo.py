@@ -32,13 +32,13 @@ class Direction:
     Attributes:
         samples: velocities of point, normal, area and taper of every sample, shape (S, 8).
         transmitters_m, receivers_m: velocity that all of them share, shape (3,).
-        matter: the number that changes, at rate 1.
+        matter: numbers that change, and their rates.
     """
 
     samples: NDArray[np.float64] | None = None
     transmitters_m: NDArray[np.float64] | None = None
     receivers_m: NDArray[np.float64] | None = None
-    matter: WallChange | None = None
+    matter: tuple[tuple[WallChange, float], ...] = ()
 
 
 def tangent_echo(
@@ -96,9 +96,7 @@ def _moving(table: Float, seed: Float, velocity: NDArray[np.float64] | None) -> 
 
 
 def _along(response: Response | None, seed: Float, direction: Direction) -> Response | None:
-    return (
-        response if response is None or direction.matter is None else response.along(seed, direction.matter)
-    )
+    return response if response is None or not direction.matter else response.along(seed, direction.matter)
 
 
 def _moments_at_nodes(

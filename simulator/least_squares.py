@@ -1,0 +1,200 @@
+"""Fits of the forward model to a measured signal: Levenberg-Marquardt, coarse to fine.
+
+The phase of an echo turns by a full turn every half wavelength, so the plain misfit is convex only within about an
+eighth of a wavelength of the truth. Two things widen that: each group of antennas may keep a complex gain of its own,
+which leaves what happens inside the group (small groups see slopes of the wavefront only, which turn slowly), and a
+part of the band. Stages go from small groups to the whole aperture, and from a part of the band to all of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch.autograd import forward_ad
+
+from waveformer.simulator.errors import RadarError
+
+Model = Callable[[torch.Tensor], torch.Tensor]
+
+_FIRST_DAMPING, _SMALLEST_DAMPING, _LARGEST_DAMPING = 1e-3, 1e-9, 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """What one stage of a fit compares.
+
+    Attributes:
+        groups: group of every antenna pair, shape (N,), each with a free complex gain; None compares the signal
+            as it is, with its phase and level.
+        bandwidth_share: part of the band around its centre, up to 1.
+        max_iterations: of Levenberg-Marquardt.
+    """
+
+    groups: torch.Tensor | None = None
+    bandwidth_share: float = 1.0
+    max_iterations: int = 20
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.bandwidth_share <= 1.0:
+            raise RadarError(f"bandwidth_share must lie in 0 .. 1, got {self.bandwidth_share!r}")
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Result of a fit.
+
+    Attributes:
+        values: parameters (P,).
+        misfit: power of the residual over that of the signal, in the last stage: about 1 / SNR where the model is right.
+        deviations: standard deviations of the parameters if the residual is noise (P,).
+        history: misfit after every accepted step of all stages.
+    """
+
+    values: torch.Tensor
+    misfit: float
+    deviations: torch.Tensor
+    history: tuple[float, ...]
+
+
+def fit(
+    model: Model,
+    measured: torch.Tensor,
+    start: torch.Tensor,
+    scales: torch.Tensor,
+    stages: Sequence[Stage] = (Stage(),),
+    *,
+    prior_deviations: torch.Tensor | None = None,
+) -> Fit:
+    """Parameters whose signal is closest to the measured one.
+
+    Args:
+        model: from parameters (P,) float64 to a signal (N, T) that carries forward derivatives, such as
+            `differentiable.simulate`.
+        measured: signal (N, T).
+        start: parameters to start from (P,).
+        scales: how much of every parameter matters (P,): a wavelength for a length. It only conditions the solver.
+        stages: coarse to fine.
+        prior_deviations: standard deviations of the parameters about `start`, known beforehand (P,); infinite where
+            nothing is known. The noise is taken from the misfit.
+    """
+    values, history = start.detach().double().clone(), []
+    last: tuple[float, torch.Tensor] | None = None
+    for stage in stages:
+        values, last, steps = _descend(
+            model, measured, values, start.double(), scales.double(), stage, prior_deviations
+        )
+        history += steps
+    assert last is not None, "a fit needs at least one stage"
+    return Fit(values, last[0], last[1], tuple(history))
+
+
+def linearise(model: Model, values: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Signal (N, T) and its derivatives by every parameter, (P, N, T), by forward mode."""
+    columns = []
+    signal = None
+    for place in range(len(values)):
+        with forward_ad.dual_level():
+            tangent = torch.zeros_like(values)
+            tangent[place] = 1.0
+            output = model(forward_ad.make_dual(values, tangent))  # type: ignore[no-untyped-call]
+            both: Any = forward_ad.unpack_dual(output)  # type: ignore[no-untyped-call]
+            signal = both.primal.clone()
+            columns.append(torch.zeros_like(signal) if both.tangent is None else both.tangent.clone())
+    assert signal is not None
+    return signal.detach(), torch.stack(columns).detach()
+
+
+def _descend(
+    model: Model,
+    measured: torch.Tensor,
+    values: torch.Tensor,
+    start: torch.Tensor,
+    scales: torch.Tensor,
+    stage: Stage,
+    prior_deviations: torch.Tensor | None,
+) -> tuple[torch.Tensor, tuple[float, torch.Tensor], list[float]]:
+    """Levenberg-Marquardt for one stage: parameters, (misfit, deviations), history."""
+    band = _band(measured, stage.bandwidth_share)
+    target = measured[:, band]
+    power = float((target.abs() ** 2).sum())
+    precision = (
+        torch.zeros_like(start) if prior_deviations is None else (scales / prior_deviations.double()) ** 2
+    )
+    damping, history = _FIRST_DAMPING, []
+    signal, columns = linearise(model, values)
+    cost = _misfit(signal[:, band], target, stage.groups) / power
+    for _ in range(stage.max_iterations):
+        residual, jacobian = _projected(signal[:, band], columns[:, :, band], target, stage.groups)
+        jacobian = jacobian * scales[:, None]
+        noise = max(cost * power / residual.numel(), 1e-30)
+        # a prior weighs as much as noise of the present misfit
+        normal = jacobian @ jacobian.T + torch.diag(precision * noise)
+        slope = jacobian @ residual - precision * noise * (values - start) / scales
+        improved = False
+        while damping < _LARGEST_DAMPING and not improved:
+            damped = normal + damping * torch.diag(
+                torch.diag(normal).clamp(min=1e-12 * float(normal.diagonal().max()))
+            )
+            step = torch.linalg.solve(damped, slope)
+            trial = values + step * scales
+            trial_cost = _misfit(model(trial).detach()[:, band], target, stage.groups) / power
+            improved = trial_cost < cost
+            damping = max(damping / 10.0, _SMALLEST_DAMPING) if improved else damping * 10.0
+        if not improved:
+            break
+        gain, values, cost = cost - trial_cost, trial, trial_cost
+        history.append(cost)
+        if gain < 1e-6 * cost or float((step.abs()).max()) < 1e-7:
+            break
+        signal, columns = linearise(model, values)
+    residual, jacobian = _projected(signal[:, band], columns[:, :, band], target, stage.groups)
+    noise = cost * power / residual.numel()
+    covariance = torch.linalg.pinv(jacobian @ jacobian.T / noise, hermitian=True)
+    return values, (cost, covariance.diagonal().clamp(min=0.0).sqrt()), history
+
+
+def _band(measured: torch.Tensor, share: float) -> slice:
+    """The middle samples of the band."""
+    count = measured.shape[1]
+    kept = max(1, round(share * count))
+    return slice((count - kept) // 2, (count - kept) // 2 + kept)
+
+
+def _gains(signal: torch.Tensor, target: torch.Tensor, groups: torch.Tensor | None) -> torch.Tensor:
+    """Best complex gain of every pair's group, shape (N, 1); ones without groups."""
+    if groups is None:
+        return torch.ones((len(signal), 1), dtype=signal.dtype)
+    return _group_sums((signal.conj() * target).sum(1), groups) / _group_power(signal, groups)
+
+
+def _group_sums(per_pair: torch.Tensor, groups: torch.Tensor) -> torch.Tensor:
+    """Sum over the group of every pair, shape (N, 1)."""
+    sums = torch.zeros(int(groups.max()) + 1, dtype=per_pair.dtype).index_add(0, groups, per_pair)
+    return sums[groups][:, None]
+
+
+def _group_power(signal: torch.Tensor, groups: torch.Tensor) -> torch.Tensor:
+    return _group_sums((signal.abs() ** 2).sum(1), groups).clamp(min=1e-30)
+
+
+def _misfit(signal: torch.Tensor, target: torch.Tensor, groups: torch.Tensor | None) -> float:
+    """Power of the residual."""
+    return float(((target - _gains(signal, target, groups) * signal).abs() ** 2).sum())
+
+
+def _projected(
+    signal: torch.Tensor, columns: torch.Tensor, target: torch.Tensor, groups: torch.Tensor | None
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Residual (2NT,) and Jacobian (P, 2NT) in real numbers, free gains projected out (Golub & Pereyra 1973)."""
+    gains = _gains(signal, target, groups)
+    residual = target - gains * signal
+    moved = []
+    for column in columns:
+        if groups is not None:
+            share = _group_sums((signal.conj() * column).sum(1), groups) / _group_power(signal, groups)
+            column = column - share * signal
+        moved.append(torch.view_as_real((gains * column).to(torch.complex128)).reshape(-1))
+    return torch.view_as_real(residual.to(torch.complex128)).reshape(-1), torch.stack(moved)
