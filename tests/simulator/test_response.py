@@ -155,3 +155,62 @@ def test_with_no_thickness_of_matter_nothing_changes() -> None:
     values = [pair_response(plan, 78e9, points, normals, antenna, antenna) for plan in plans]
     assert np.allclose(values[0], values[1], atol=1e-14)
     assert np.allclose(values[0], -1.0, atol=1e-14)
+
+
+CHANGES = [
+    ("half space", None, "real"), ("half space", None, "imaginary"), ("thin wall", None, "real"),
+    ("thin wall", None, "imaginary"), ("thin wall", None, "thickness"), ("rough conductor", None, "roughness"),
+    ("two sheets", 0, "real"), ("two sheets", 1, "imaginary"), ("two sheets", 1, "thickness"),
+    ("inside a box", 0, "real"), ("inside a box", 0, "thickness"), ("beyond a box", 0, "imaginary"),
+    ("beyond a box", 1, "thickness"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "wall", "component"), CHANGES)
+def test_along_a_number_the_response_changes_as_its_central_difference(
+    rng: np.random.Generator, name: str, wall: int | None, component: Any
+) -> None:
+    import drjit as dr
+
+    from waveformer.simulator.backend import Float, UInt32
+    from waveformer.simulator.device import to_device, to_device_vectors
+    from waveformer.simulator.echo_terms import echo, leg
+    from waveformer.simulator.matter_parameters import changed
+    from waveformer.simulator.response import Response
+    from waveformer.simulator.response_plan import WallChange
+
+    plan, change, count = planned(name), WallChange(wall, component), 100
+    if plan.surroundings.box is not None:  # of constant permittivity: what may change is one number
+        box = replace(plan.surroundings.box, permittivity=1.8 - 0.05j)
+        plan = replace(plan, surroundings=replace(plan.surroundings, box=box))
+    points = rng.uniform((-0.07, -0.06, -0.41), (0.07, 0.06, -0.21), (count, 3))
+    points[:, 2] -= 0.25 * (plan.crossings == "any")
+    normals = rng.normal(size=(count, 3)) * 0.3 + [0.0, 0.0, 1.0]
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    tx = rng.uniform((-0.2, -0.2, -0.001), (0.2, 0.2, 0.001), (count, 3))
+    rx = tx + rng.uniform(-0.02, 0.02, (count, 3))
+    ways = [
+        leg(to_device_vectors(antenna - points), to_device(np.linalg.norm(antenna - points, axis=1)),
+            to_device_vectors(np.zeros((count, 3))), to_device_vectors(normals))
+        for antenna in (tx, rx)
+    ]  # fmt: skip
+    one, zero = to_device(np.ones(count)), to_device(np.zeros(count))
+    amplitude, _, cosine = echo(ways[0], ways[1], one, zero, False)
+    frequency = len(plan.frequencies_hz) // 2
+    entry, seed = dr.full(UInt32, frequency, count), dr.opaque(Float, 0.0)
+    dr.enable_grad(seed)
+    response = Response(plan).along(seed, ((change, 2.0),))
+    weight = response.surface(ways, cosine, to_device_vectors(normals), entry)
+    weight = weight * response.path(to_device_vectors(points), ways, entry)
+    dr.forward(seed)
+    slope = dr.grad(weight).numpy()
+    ends, step = [], 0.0
+    for sign in (-0.1, 0.1):
+        material, surroundings, step = changed(plan.material, plan.surroundings, change, sign)
+        near = replace(plan, material=material, surroundings=surroundings)
+        ends.append(pair_response(near, float(plan.frequencies_hz[frequency]), points, normals, tx, rx))
+    lit = amplitude.numpy() > 0
+    assert lit.sum() > 50
+    expected = (2.0 * (ends[1] - ends[0]) / (2.0 * step))[lit]
+    # float32 of cosines, and tables that are linear between entries, as for the values; walls turn many radians
+    assert np.abs(slope[lit] - expected).max() < 1e-3 * np.abs(expected).max()

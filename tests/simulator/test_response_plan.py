@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -139,3 +140,41 @@ def test_transmission_is_that_of_a_plane_wave_or_of_a_point_source() -> None:
 def test_a_wall_without_thickness_lets_nothing_through(wall: Material) -> None:
     with pytest.raises(RadarError, match="needs a permittivity and a thickness"):
         wall_transmission(wall, np.array([1.0]), None, 79e9)
+
+
+def test_neighbours_make_the_difference_of_the_response_right_to_its_own_size() -> None:
+    from waveformer.simulator.matter_parameters import changed
+    from waveformer.simulator.reference_response import pair_response
+    from waveformer.simulator.response_plan import WallChange
+
+    around = Surroundings(sheets=(sheet(0.003, 6 - 0.1j),))
+    change = WallChange(0, "thickness")
+    _, near, _ = changed(PEC, around, change)
+    points = np.array([[x, 0.01, -0.35] for x in np.linspace(-0.05, 0.05, 11)])
+    normal, antenna = np.array([0.0, 0.1, 0.995]), np.array([-0.05, 0.08, 0.0])
+    errors = []
+    for neighbours in ((), ((PEC, near),)):
+        made = plan_response(PEC, around, "none", CHIRP, 1e-2, BOUNDS, ANTENNAS, neighbours=neighbours)
+
+        def difference(frequencies_hz: np.ndarray, made: ResponsePlan = made) -> np.ndarray:
+            ends = [
+                [pair_response(scene, float(f), points, normal, antenna, antenna) for f in frequencies_hz]
+                for scene in (made, replace(made, surroundings=near))
+            ]
+            return np.array(ends[1]) - np.array(ends[0])
+
+        exact = difference(CHIRP.frequencies_hz)
+        between = made.to_samples.T @ difference(made.frequencies_hz)
+        errors.append(np.abs(between - exact).max() / np.abs(exact).max())
+    # the tolerance given to plan_response
+    assert errors[1] < 1e-2 < errors[0]
+
+
+def test_no_neighbours_change_nothing() -> None:
+    around = Surroundings(sheets=(sheet(0.006),))
+    plans = [
+        plan_response(PEC, around, "none", CHIRP, 1e-3, BOUNDS, ANTENNAS, neighbours=neighbours)
+        for neighbours in ((), [(PEC, around)])
+    ]
+    assert (plans[0].frequencies_hz == plans[1].frequencies_hz).all()
+    assert (plans[0].to_samples == plans[1].to_samples).all()

@@ -12,6 +12,8 @@ from waveformer.simulator.subapertures import (
     Tile,
     build_tiles,
     corner_rows,
+    move_nodes,
+    node_phase_per_metre,
     probe_rows,
 )
 
@@ -168,3 +170,69 @@ def test_corner_rows_of_a_single_position_and_of_a_line() -> None:
     line = np.zeros((5, 3))
     line[:, 0] = np.arange(5)
     assert corner_rows(line).tolist() == [0, 2, 4]
+
+
+PHASE_PER_METRE = node_phase_per_metre(CLOSEST_M, CELL_RADIUS_M, WAVELENGTH_M, 0.0)
+
+
+def same_nodes(one: Tile, other: Tile) -> bool:
+    return all(
+        np.array_equal(getattr(one, name), getattr(other, name))
+        for name in ("rows", "node_tx_m", "node_rx_m", "weights", "ray_tx_m", "ray_rx_m", "ray_weights")
+    )
+
+
+@pytest.mark.parametrize("kind", ["monostatic", "equal offset", "irregular"])
+def test_antennas_that_do_not_move_keep_their_nodes(rng: np.random.Generator, kind: str) -> None:
+    aperture = {
+        "monostatic": GRID,
+        "equal offset": paired(np.array([0.25, 0, 0])),  # an offset that floating point holds exactly
+        "irregular": irregular(rng),
+    }[kind]
+    for tile in tiles_of(aperture):
+        moved = move_nodes(tile, aperture, PHASE_PER_METRE, 1e-3)
+        if (
+            kind == "equal offset"
+        ):  # the mean of the offsets and their rounded value differ in the last digits
+            assert moved.node_tx_m == pytest.approx(tile.node_tx_m, abs=1e-9)
+            assert moved.weights == pytest.approx(tile.weights, abs=1e-6)
+        else:
+            assert same_nodes(moved, tile)
+
+
+@pytest.mark.parametrize("offset_m", [None, [0.012, -0.004, 0.0]])
+def test_nodes_follow_antennas_that_leave_their_grid(
+    rng: np.random.Generator, offset_m: list[float] | None
+) -> None:
+    tolerance, aperture = 1e-3, GRID if offset_m is None else paired(np.array(offset_m))
+    jitter = rng.normal(size=GRID.tx_m.shape) * 5e-4
+    now = Aperture(aperture.tx_m + jitter, None if aperture.rx_m is None else aperture.rx_m + jitter)
+    center = np.array([0.01, -0.02, -CLOSEST_M - CELL_RADIUS_M])
+    for tile in tiles_of(aperture, tolerance):
+        moved = move_nodes(tile, now, PHASE_PER_METRE, tolerance)
+        assert moved.weights is not None
+        assert (moved.rows == tile.rows).all()
+        assert moved.ray_weights is tile.ray_weights
+        point = center + CELL_RADIUS_M * np.array([0.6, -0.5, 0.6])
+
+        def phase(tx: np.ndarray, rx: np.ndarray, point: np.ndarray = point) -> np.ndarray:
+            ways = [
+                np.linalg.norm(at - point, axis=1) - np.linalg.norm(at - center, axis=1) for at in (tx, rx)
+            ]
+            return np.exp(-2j * np.pi / WAVELENGTH_M * (ways[0] + ways[1]))
+
+        nodes = phase(moved.node_tx_m, moved.node_tx_m if moved.node_rx_m is None else moved.node_rx_m)
+        rows = phase(now.tx_m[tile.rows], now.receivers_m[tile.rows])
+        # as for the tiles themselves, now along three axes
+        assert np.abs(moved.weights @ nodes - rows).max() < 10 * tolerance
+
+
+def test_pairs_that_move_apart_become_their_own_nodes(rng: np.random.Generator) -> None:
+    aperture = paired(np.array([0.012, 0.0, 0.0]))
+    now = Aperture(aperture.tx_m, aperture.receivers_m + rng.normal(size=GRID.tx_m.shape) * 1e-4)
+    for tile in tiles_of(aperture):
+        moved = move_nodes(tile, now, PHASE_PER_METRE, 1e-3)
+        assert moved.weights is None
+        assert (moved.node_tx_m == now.tx_m[tile.rows]).all()
+        assert moved.node_rx_m is not None
+        assert (moved.node_rx_m == now.receivers_m[tile.rows]).all()
