@@ -22,11 +22,13 @@ from waveformer.simulator.aperture_power import AperturePower
 from waveformer.simulator.errors import RadarError
 from waveformer.simulator.front_end_streams import generator
 from waveformer.simulator.mesh import load_mesh
+from waveformer.simulator.placement import place_target
 from waveformer.simulator.pose_descent import Comparison, FreeGains, descend
 from waveformer.simulator.pose_search import search
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Aperture, Chirp
 from waveformer.simulator.rigid_pose import RigidPose
 from waveformer.simulator.runtime import activate
+from waveformer.simulator.target import Target
 
 # Antennas along an axis and frequencies: of the search, of the steps after it, of the whole signal.
 _SEARCH_GRID, _STEP_GRID, _SIGNAL_GRID = (20, 2), (30, 4), (20, 4)
@@ -107,8 +109,9 @@ def recover_pose(
         progress: called with one line after every stage.
 
     Raises:
-        MeshError: the mesh or the pose cannot be used, or no part of the object is seen.
-        RadarError: shapes do not fit, the positions are no regular grid of at least 8 x 8, or numbers make no sense.
+        MeshError: the mesh or the pose cannot be used, or the object touches or lies behind the aperture.
+        RadarError: shapes do not fit, the positions are no regular grid of at least 8 x 8, the object lies beyond the
+            unambiguous range, or numbers make no sense.
         SetupError: Mitsuba or its LLVM library is missing or broken.
     """
     started = time.perf_counter()
@@ -189,6 +192,7 @@ class _Problem:
         from waveformer.simulator.pose_body import Body
 
         mesh = load_mesh(trimesh.Trimesh(np.asarray(vertices), np.asarray(faces), process=False))
+        place_target(Target(mesh, pose=np.asarray(start_pose)), None, chirp, aperture)
         body = Body(mesh, SPEED_OF_LIGHT_M_PER_S / chirp.center_hz)
         return cls(signal, body, chirp, aperture.tx_m, RigidPose.of(start_pose, body.middle_m))
 

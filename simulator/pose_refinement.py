@@ -10,14 +10,16 @@ from numpy.typing import NDArray
 
 from waveformer.simulator.differentiable import freeze, simulate
 from waveformer.simulator.least_squares import Stage, fit
-from waveformer.simulator.numerics import DIFFERENTIABLE
+from waveformer.simulator.numerics import FAST
 from waveformer.simulator.pose_body import Body
 from waveformer.simulator.radar import Chirp
 from waveformer.simulator.rigid_pose import RigidPose
 
-# Half a wavelength with the form factor: good to a few per cent of the signal, which move a pose by micrometres.
-_NUMERICS = DIFFERENTIABLE.model_copy(update={"spacing_wavelengths": 0.5})
-_STEPS_PER_ROUND = (2, 1)
+# Half a wavelength with the form factor is good to a few per cent of the signal, which move a pose by micrometres;
+# the derivatives only choose the step, so they take the tolerance of the fast mode.
+_NUMERICS = FAST.model_copy(update={"spacing_wavelengths": 0.5})
+# From an eighth of a wavelength one step lands within micrometres; a round that moved less than this was the last.
+_MAX_ROUNDS, _SETTLED_M, _SETTLED_DEG = 2, 1e-5, 0.01
 _SCALES = torch.tensor(3 * [1e-3] + 3 * [1e-2], dtype=torch.float64)
 
 
@@ -35,7 +37,7 @@ def refine(
     """
     measured = torch.tensor(np.asarray(h, dtype=np.complex64))
     misfit = np.inf
-    for steps in _STEPS_PER_ROUND:
+    for _ in range(_MAX_ROUNDS):
         offsets = (body.mesh.vertices_m - body.middle_m) @ pose.rotation.T
         frozen = freeze(offsets + pose.center_m, body.mesh.faces, chirp, tx_m, mode=_NUMERICS)
         around, center = torch.from_numpy(offsets), torch.from_numpy(pose.center_m.copy())
@@ -49,10 +51,12 @@ def refine(
             vertices = around @ _rotation(motion[3:]).T + center + motion[:3]
             return simulate(vertices, body.mesh.faces, chirp, tx_m, frozen=frozen)
 
-        found = fit(
-            model, measured, torch.zeros(6, dtype=torch.float64), _SCALES, [Stage(max_iterations=steps)]
-        )
-        pose, misfit = pose.moved(found.values.numpy()), found.misfit
+        found = fit(model, measured, torch.zeros(6, dtype=torch.float64), _SCALES, [Stage(max_iterations=1)])
+        last, misfit = pose, found.misfit
+        pose = last.moved(found.values.numpy())
+        shift_m, turn_deg = pose.apart(last)
+        if shift_m < _SETTLED_M and turn_deg < _SETTLED_DEG:
+            break
     return pose, misfit
 
 
