@@ -300,7 +300,7 @@ def _as_tuple(sheets: Any) -> tuple[Any, ...]:
 def _tensor(name: str, value: Any) -> torch.Tensor:
     """Coordinates (n, 3) as a tensor."""
     tensor = (
-        value if isinstance(value, torch.Tensor) else torch.as_tensor(np.asarray(value, dtype=np.float64))
+        value if isinstance(value, torch.Tensor) else torch.tensor(np.asarray(value, dtype=np.float64))
     )
     if tensor.ndim != 2 or tensor.shape[1] != 3 or not tensor.is_floating_point():
         raise RadarError(

@@ -15,7 +15,7 @@ from typing import Any
 import torch
 from torch.autograd import forward_ad
 
-from waveformer.simulator.errors import RadarError
+from waveformer.simulator.errors import MeshError, RadarError
 
 Model = Callable[[torch.Tensor], torch.Tensor]
 
@@ -140,7 +140,7 @@ def _descend(
             )
             step = torch.linalg.solve(damped, slope)
             trial = values + step * scales
-            trial_cost = _misfit(model(trial).detach()[:, band], target, stage.groups) / power
+            trial_cost = _trial(model, trial, band, target, stage.groups) / power
             improved = trial_cost < cost
             damping = max(damping / 10.0, _SMALLEST_DAMPING) if improved else damping * 10.0
         if not improved:
@@ -154,6 +154,16 @@ def _descend(
     noise = cost * power / residual.numel()
     covariance = torch.linalg.pinv(jacobian @ jacobian.T / noise, hermitian=True)
     return values, (cost, covariance.diagonal().clamp(min=0.0).sqrt()), history
+
+
+def _trial(
+    model: Model, values: torch.Tensor, band: slice, target: torch.Tensor, groups: torch.Tensor | None
+) -> float:
+    """Power of the residual; infinite where the model refuses the values, such as a permittivity below 1."""
+    try:
+        return _misfit(model(values).detach()[:, band], target, groups)
+    except (RadarError, MeshError):
+        return float("inf")
 
 
 def _band(measured: torch.Tensor, share: float) -> slice:
