@@ -18,8 +18,8 @@ from waveformer.simulator.rigid_pose import RigidPose
 # Half a wavelength with the form factor is good to a few per cent of the signal, which move a pose by micrometres;
 # the derivatives only choose the step, so they take the tolerance of the fast mode.
 _NUMERICS = FAST.model_copy(update={"spacing_wavelengths": 0.5})
-# From an eighth of a wavelength one step lands within micrometres; a round that moved less than this was the last.
-_MAX_ROUNDS, _SETTLED_M, _SETTLED_DEG = 2, 1e-5, 0.01
+# One step from a tenth of a millimetre lands within micrometres, and no shadow moves: such a round is the last.
+_MAX_ROUNDS, _SETTLED_M, _SETTLED_DEG = 2, 1e-4, 0.05
 _SCALES = torch.tensor(3 * [1e-3] + 3 * [1e-2], dtype=torch.float64)
 
 

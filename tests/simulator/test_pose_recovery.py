@@ -14,7 +14,8 @@ from waveformer.simulator.errors import MeshError, RadarError
 from waveformer.simulator.forward import simulate
 from waveformer.simulator.front_end import FrontEnd
 from waveformer.simulator.numerics import Numerics
-from waveformer.simulator.pose_recovery import PoseFit, averaged_frequencies, recover_pose
+from waveformer.simulator.pose_recovery import PoseFit, recover_pose
+from waveformer.simulator.pose_stages import averaged_frequencies
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Aperture, Chirp
 from waveformer.simulator.rigid_pose import RigidPose
 from waveformer.simulator.target import Target
