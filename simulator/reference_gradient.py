@@ -18,6 +18,7 @@ from waveformer.simulator import occluders
 from waveformer.simulator.antenna import Antenna
 from waveformer.simulator.differentiable import Box, FrozenScene, Sheet, freeze, simulate
 from waveformer.simulator.materials import Material
+from waveformer.simulator.numerics import Numerics
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Aperture, Chirp
 from waveformer.simulator.reference_frozen import FrozenTwin
 from waveformer.simulator.surroundings import Surroundings
@@ -50,6 +51,7 @@ class GradientCase:
         box: (permittivity, thickness_m) of a box around the target.
         box_echo: whether it sends back an echo, which takes the twin long.
         antenna: of both antennas.
+        mode: "fast", or a Numerics.
     """
 
     vertices: NDArray[np.float64]
@@ -65,6 +67,7 @@ class GradientCase:
     box: tuple[complex, float] | None = None
     box_echo: bool = False
     antenna: Antenna = field(default_factory=Antenna.isotropic)
+    mode: str | Numerics = "fast"
 
     @property
     def numbers(self) -> dict[str, Any]:
@@ -100,7 +103,7 @@ class GradientCase:
     def frozen(self) -> FrozenScene:
         """The discrete part."""
         walls = self._walls(self.numbers, occluders.Sheet, occluders.Box)
-        frozen = freeze(self.vertices, self.faces, self.chirp, self.tx_m, self.rx_m, **walls)
+        frozen = freeze(self.vertices, self.faces, self.chirp, self.tx_m, self.rx_m, mode=self.mode, **walls)
         return frozen if self.box_echo else replace(frozen, walls=[])
 
     @cached_property
