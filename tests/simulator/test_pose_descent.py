@@ -37,6 +37,13 @@ def test_the_gains_are_the_best_ones(rng: np.random.Generator) -> None:
     assert squared(FreeGains(measured, GROUPS), signal) == pytest.approx(expected)
 
 
+def test_a_motion_that_only_turns_the_gains_has_no_slope(rng: np.random.Generator) -> None:
+    signal, turns = complex_normal(rng, 8, 4), complex_normal(rng, 3)
+    free, column = FreeGains(complex_normal(rng, 8, 4), GROUPS), turns[GROUPS, None] * signal
+    _, slopes = free.linearise(signal, column[..., None])
+    assert np.abs(slopes).max() < 1e-14
+
+
 @pytest.mark.parametrize("groups", [GROUPS, None])
 def test_the_gradient_equals_central_differences(rng: np.random.Generator, groups: np.ndarray | None) -> None:
     free = FreeGains(complex_normal(rng, 8, 4), groups)

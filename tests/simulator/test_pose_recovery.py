@@ -15,8 +15,7 @@ from waveformer.simulator.forward import simulate
 from waveformer.simulator.front_end import FrontEnd
 from waveformer.simulator.numerics import Numerics
 from waveformer.simulator.pose_recovery import PoseFit, recover_pose
-from waveformer.simulator.pose_stages import averaged_frequencies
-from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Aperture, Chirp
+from waveformer.simulator.radar import Aperture, Chirp
 from waveformer.simulator.rigid_pose import RigidPose
 from waveformer.simulator.target import Target
 
@@ -102,20 +101,6 @@ def test_a_seed_fixes_the_pose_whatever_the_order_of_the_positions(rng: np.rando
     shuffled = recovered(measured()[order], APERTURE.tx_m[order])
     # rounding: the sums over antennas in another order
     np.testing.assert_allclose(shuffled.pose, first_fit()[0].pose, atol=1e-6)
-
-
-@pytest.mark.parametrize("num_nodes", [2, 4])
-def test_averaged_frequencies_keep_an_echo_from_the_middle(num_nodes: int) -> None:
-    h = np.exp(-4j * np.pi * 0.3 * CHIRP.frequencies_hz / SPEED_OF_LIGHT_M_PER_S)[None]
-    nodes, means = averaged_frequencies(h, CHIRP, num_nodes, 0.3)
-    expected = np.exp(-4j * np.pi * 0.3 * nodes.frequencies_hz / SPEED_OF_LIGHT_M_PER_S)
-    np.testing.assert_allclose(means[0], expected, atol=1e-12)
-    assert nodes.frequencies_hz.mean() == pytest.approx(CHIRP.frequencies_hz.mean())
-    far = np.exp(-4j * np.pi * 0.34 * CHIRP.frequencies_hz / SPEED_OF_LIGHT_M_PER_S)[None]
-    _, weakened = averaged_frequencies(far, CHIRP, num_nodes, 0.3)
-    turn = 2 * np.pi * 0.04 * 3.6e9 / num_nodes / SPEED_OF_LIGHT_M_PER_S
-    # the mean over a run of samples is a sampled sinc: T / M samples miss its shape by their square
-    np.testing.assert_allclose(np.abs(weakened), abs(np.sin(turn) / turn), rtol=0.02)
 
 
 @pytest.mark.usefixtures("mitsuba_variant")
