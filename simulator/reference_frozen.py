@@ -122,7 +122,7 @@ def _facing(samples: SurfaceSamples, aperture: Aperture, two_sided: bool) -> NDA
     ]
     front = (heights[0] > 0) & (heights[1] > 0)
     back = (heights[0] < 0) & (heights[1] < 0) & two_sided
-    return front.astype(np.float64) - back
+    return np.asarray(front.astype(np.float64) - back)
 
 
 def _visible(tiles: tuple[Any, ...], shape: tuple[int, int]) -> NDArray[np.float64]:

@@ -83,6 +83,4 @@ def test_the_echo_of_a_box_itself() -> None:
         box=SHEET,
         box_echo=True,
     )
-    # rectangles are expanded to first order, 5e-3 of the echo of a box (forward_model._WALL_TOLERANCE)
-    errors = case.errors("tx_m", "box permittivity", "box thickness_m", "antenna_gain_db")
-    assert max(errors.values()) < 1e-2, errors
+    assert case.misses("tx_m", "box permittivity", "box thickness_m", "antenna_gain_db") == {}
