@@ -53,6 +53,15 @@ def test_shell_example(tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {"mesh.ply", "scan.zarr", "image.zarr", "view.html"}
 
 
+def test_gradients_of_the_docs():
+    page = (ROOT / "docs" / "inverse_problems.md").read_text(encoding="utf-8")
+    (text,) = re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    names: dict[str, object] = {}
+    exec(text, names)
+    leaves = [names["vertices"], names["tx"], names["permittivity"], names["sheet"].thickness_m]
+    assert all(leaf.grad.isfinite().all() and leaf.grad.abs().max() > 0 for leaf in leaves)
+
+
 def test_scene_of_the_docs(tmp_path, mitsuba_variant):
     page = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")
     (text,) = re.findall(r"^```xml\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
