@@ -37,9 +37,10 @@ SURFACE = ("reflectivity", "antenna_gain_db", "range_bias_m")
 def blob() -> tuple[np.ndarray, np.ndarray]:
     """A smooth closed body without symmetry, 16 mm long."""
     mesh = primitives.sphere(0.008, 0.0022)
-    x, y, _ = mesh.vertices.T * 180
+    vertices = np.array(mesh.vertices)
+    x, y, _ = vertices.T * 180
     bumps = np.sin(5 * x + 1) * np.sin(4 * y) + 0.5 * np.sin(9 * y)
-    vertices = np.array(mesh.vertices) * (1 + 0.1 * bumps)[:, None] * [1.0, 0.8, 0.6]
+    vertices = vertices * (1 + 0.1 * bumps)[:, None] * [1.0, 0.8, 0.6]
     return vertices + np.array([0.005, 0.003, -0.4]), np.array(mesh.faces)
 
 
