@@ -21,7 +21,7 @@ from waveformer.simulator.target import Target
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_START, _FOUND, _TRUE = "#d55e00", "#0072b2", "black"
+_START, _FOUND, _TRUE = "#d55e00", "#0072b2", "#b0b0b0"
 _PIXELS = 160
 _DYNAMIC_RANGE_DB = 30.0
 _LEAST_MM, _LEAST_DEG = 1e-3, 1e-3
@@ -52,7 +52,7 @@ def pose_figure(
     FigureCanvasAgg(figure)
     panels = figure.subplots(2, 3)
     poses = {"true": true_pose, "start": start_pose, "found": fit.pose}
-    styles = {"true": (_TRUE, "-", 2.2), "start": (_START, "-", 1.0), "found": (_FOUND, "--", 1.3)}
+    styles = {"true": (_TRUE, "-", 4.0), "start": (_START, "-", 1.0), "found": (_FOUND, "--", 1.3)}
     for panel, (across, up, name) in zip(
         panels[0], ((0, 1, "from above"), (0, 2, "from the front")), strict=False
     ):
@@ -61,7 +61,7 @@ def pose_figure(
             _draw_outline(panel, mesh, pose, (across, up), color, line, width)
             panel.plot([], [], color=color, ls=line, lw=width, label=label)
         panel.set(title=name, xlabel=f"{'xyz'[across]} [cm]", ylabel=f"{'xyz'[up]} [cm]", aspect="equal")
-    panels[0, 0].legend(frameon=False, fontsize="small")
+    panels[0, 1].legend(frameon=False, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.3))
     _draw_errors(panels[0, 2], fit, mesh, start_pose, true_pose)
 
     powers = {"measured": _power(measurement)}
@@ -73,7 +73,9 @@ def pose_figure(
     x_cm, y_cm = 100.0 * measurement.aperture.tx_m[:, :2].T
     for panel, (label, power) in zip(panels[1], powers.items(), strict=True):
         level_db = 10.0 * np.log10(power) - top_db
-        drawn = panel.tripcolor(x_cm, y_cm, level_db, vmin=-_DYNAMIC_RANGE_DB, vmax=0.0, cmap="inferno")
+        drawn = panel.tripcolor(
+            x_cm, y_cm, level_db, vmin=-_DYNAMIC_RANGE_DB, vmax=0.0, cmap="inferno", shading="gouraud"
+        )
         panel.set(title=f"power, {label}", xlabel="x [cm]", ylabel="y [cm]", aspect="equal")
     figure.colorbar(drawn, ax=panels[1], label="[dB re measured peak]", pad=0.01)
     figure.savefig(path)

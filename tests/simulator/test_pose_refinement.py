@@ -31,7 +31,8 @@ def test_a_tenth_of_a_millimetre_and_degree_are_found() -> None:
     near = truth.moved([6e-5, -5e-5, 6e-5, 1e-3, -1e-3, 1e-3])
     found, misfit = refine(body, near, h, chirp, aperture.tx_m)
     shift_m, turn_deg = found.apart(truth)
-    # the other spacing leaves half a per cent of the signal, and one step most of 3 % of the way squared
-    assert misfit < 1e-3
+    # The other spacing changes the signal by 1.4 %: 2e-4 of its power, 4 um at 4 pi / lambda, and over a lever of
+    # 2 cm 0.01 degrees. Twice that.
+    assert misfit < 4e-4
     assert shift_m < 1e-5
     assert turn_deg < 0.02
