@@ -24,7 +24,7 @@ from waveformer.simulator.errors import MeshError, RadarError
 from waveformer.simulator.factorisation import taper_scale
 from waveformer.simulator.matter_parameters import Box, Matter, Sheet, changed
 from waveformer.simulator.mesh import SurfaceMesh, load_mesh
-from waveformer.simulator.numerics import DIFFERENTIABLE, Numerics
+from waveformer.simulator.numerics import DIFFERENTIABLE, DIFFERENTIABLE_THROUGH_WALLS, Numerics
 from waveformer.simulator.quadrature import SurfaceSamples
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Aperture, Chirp
 from waveformer.simulator.response_plan import WallChange, constant_response, plan_response
@@ -44,16 +44,16 @@ class FrozenScene:
         targets: pieces of its faces, and what sees them.
         walls: faces of the box.
         chirp: the radar's.
-        num_pairs: N.
         numerics: kernel settings.
+        belongs_to: what it is valid for, by name.
     """
 
     faces: NDArray[np.int64]
     targets: list[Any]
     walls: list[Any]
     chirp: Chirp
-    num_pairs: int
     numerics: Numerics
+    belongs_to: dict[str, Any]
 
     @property
     def num_samples(self) -> int:
@@ -70,12 +70,13 @@ def freeze(
     *,
     sheets: Sequence[Any] = (),
     box: Any = None,
+    antenna: Antenna | None = None,
     mode: str | Numerics = "fast",
 ) -> FrozenScene:
     """Find what is discrete in a scene: pieces of the surface, and which antenna sees which.
 
     Args:
-        vertices, faces, chirp, tx_m, rx_m, sheets, box, mode: as in `simulate`.
+        vertices, faces, chirp, tx_m, rx_m, sheets, box, antenna, mode: as in `simulate`.
 
     Returns:
         What `simulate(..., frozen=...)` takes: an optimisation freezes anew when things have moved by more than
@@ -89,15 +90,16 @@ def freeze(
     from waveformer.simulator.frozen_surroundings import freeze_walls
     from waveformer.simulator.scene import build_scene
 
-    numerics = _numerics(mode)
     mesh = _mesh(_array("vertices", vertices, 3), _array("faces", faces, 3))
     aperture = Aperture(_array("tx_m", tx_m, 3), None if rx_m is None else _array("rx_m", rx_m, 3))
     matter = Matter(None, None, 0.0, _as_tuple(sheets), box)
-    surroundings = matter.surroundings(Antenna.isotropic(), (0.0, 1.0, 0.0))
+    surroundings = matter.surroundings(antenna or Antenna.isotropic(), (0.0, 1.0, 0.0))
+    numerics = _numerics(mode, surroundings)
     scene = build_scene([(mesh.vertices_m, mesh.faces)])
     targets = freeze_target(scene, mesh, chirp, aperture, surroundings, numerics)
     walls = freeze_walls(scene, chirp, aperture, surroundings, numerics)
-    return FrozenScene(mesh.faces, targets, walls, chirp, len(aperture), numerics)
+    belongs_to = _identity(len(mesh.vertices_m), faces, chirp, aperture, box)
+    return FrozenScene(mesh.faces, targets, walls, chirp, numerics, belongs_to)
 
 
 def simulate(
@@ -154,12 +156,14 @@ def simulate(
     """
     activate()
     if frozen is None:
-        frozen = freeze(vertices, faces, chirp, tx_m, rx_m, sheets=sheets, box=box, mode=mode)
+        frozen = freeze(
+            vertices, faces, chirp, tx_m, rx_m, sheets=sheets, box=box, antenna=antenna, mode=mode
+        )
     corners = _tensor("vertices", vertices)
     transmitters = _tensor("tx_m", tx_m)
     receivers = None if rx_m is None else _tensor("rx_m", rx_m)
     aperture = Aperture(_host(transmitters), None if receivers is None else _host(receivers))
-    _check_frozen(frozen, chirp, len(aperture))
+    _check_frozen(frozen, corners, faces, chirp, aperture, box)
     matter = Matter(permittivity, thickness_m, roughness_m, _as_tuple(sheets), box)
     numbers = list(matter.variables())
     material = matter.material()
@@ -275,9 +279,10 @@ def _mesh(vertices: NDArray[np.float64], faces: NDArray[np.float64]) -> SurfaceM
     return SurfaceMesh(vertices, whole[areas > 1e-9 * areas.max()], "vertices", checked.two_sided)
 
 
-def _numerics(mode: str | Numerics) -> Numerics:
+def _numerics(mode: str | Numerics, surroundings: Surroundings) -> Numerics:
     if mode == "fast":
-        return DIFFERENTIABLE
+        plain = surroundings.antenna.is_isotropic and not surroundings.occludes
+        return DIFFERENTIABLE if plain else DIFFERENTIABLE_THROUGH_WALLS
     if isinstance(mode, Numerics) and not mode.direct:
         return mode
     raise RadarError(
@@ -285,23 +290,40 @@ def _numerics(mode: str | Numerics) -> Numerics:
     )
 
 
-def _check_frozen(frozen: FrozenScene, chirp: Chirp, num_pairs: int) -> None:
-    if frozen.chirp != chirp or frozen.num_pairs != num_pairs:
+def _identity(num_vertices: int, faces: Any, chirp: Chirp, aperture: Aperture, box: Any) -> dict[str, Any]:
+    """What a frozen scene is valid for."""
+    return {
+        "chirp": chirp,
+        "antenna pairs": len(aperture),
+        "separate receivers": aperture.rx_m is not None,
+        "vertices": num_vertices,
+        "faces": len(_array("faces", faces, 3)),
+        "box": box is not None,
+    }
+
+
+def _check_frozen(
+    frozen: FrozenScene, vertices: torch.Tensor, faces: Any, chirp: Chirp, aperture: Aperture, box: Any
+) -> None:
+    """Refuse what was frozen for another scene."""
+    given = _identity(len(vertices), faces, chirp, aperture, box)
+    wrong = [name for name, value in given.items() if frozen.belongs_to[name] != value]
+    if wrong:
         raise RadarError(
-            f"frozen belongs to {frozen.num_pairs} antenna pairs and {frozen.chirp}, not to {num_pairs} and {chirp}: "
-            "freeze the scene anew"
+            f"frozen belongs to another scene ({', '.join(wrong)}: {[frozen.belongs_to[name] for name in wrong]}, "
+            f"now {[given[name] for name in wrong]}): freeze this one"
         )
 
 
 def _as_tuple(sheets: Any) -> tuple[Any, ...]:
+    if isinstance(sheets, str):
+        raise RadarError(f"sheets must be Sheet objects, got {sheets!r}")
     return tuple(sheets) if isinstance(sheets, Sequence) else (sheets,)
 
 
 def _tensor(name: str, value: Any) -> torch.Tensor:
     """Coordinates (n, 3) as a tensor."""
-    tensor = (
-        value if isinstance(value, torch.Tensor) else torch.tensor(np.asarray(value, dtype=np.float64))
-    )
+    tensor = value if isinstance(value, torch.Tensor) else torch.tensor(np.asarray(value, dtype=np.float64))
     if tensor.ndim != 2 or tensor.shape[1] != 3 or not tensor.is_floating_point():
         raise RadarError(
             f"{name} must be real numbers of shape (n, 3), got {tensor.dtype} {tuple(tensor.shape)}"

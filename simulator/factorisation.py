@@ -122,14 +122,15 @@ def uneven_samples(
 def turning_samples(plan: Factorisation, tile: Tile, aperture: Aperture) -> NDArray[np.bool_]:
     """Samples (S,) that some antennas of a tile face and others do not.
 
-    With pairs their echo has a step there, where one of the two antennas sets first.
+    Their echo has a kink there, with pairs a step where one of the two antennas sets first: nodes would smooth it.
     """
-    if aperture.rx_m is None:
-        return np.zeros(len(plan.cell_of_sample), dtype=bool)
+    turning = np.zeros(len(plan.cell_of_sample), dtype=bool)
+    if tile.weights is None:  # every antenna is its own node
+        return turning
     normals = plan.samples.normals
     height = np.einsum("ij,ij->i", normals, plan.samples.points_m)
-    turning = np.zeros(len(height), dtype=bool)
-    for antennas in (aperture.tx_m[tile.rows], aperture.rx_m[tile.rows]):
+    for side in (aperture.tx_m, aperture.receivers_m):
+        antennas = side[tile.rows]
         ends = normals * antennas.min(axis=0), normals * antennas.max(axis=0)
         turning |= (np.minimum(*ends).sum(axis=1) < height) & (np.maximum(*ends).sum(axis=1) > height)
     return turning

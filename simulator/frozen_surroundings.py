@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,7 +22,7 @@ from waveformer.simulator.sheet_echo import sheet_echo
 from waveformer.simulator.surroundings import Surroundings
 from waveformer.simulator.tangent_echo import Direction
 
-# Central differences in float64 of the closed form of a sheet: truncation and rounding both below 1e-6.
+# Differences in float64 of the closed form of a sheet: truncation and rounding both below 1e-6.
 _STEP_M, _STEPS_OF_MATTER = 1e-6, 0.1
 # Interpolation over the band, far below what these steps change.
 _SHEET_TOLERANCE = 1e-9
@@ -145,27 +144,24 @@ class SheetEcho:
 
     def derivative(self, direction: Direction) -> NDArray[np.complex64]:
         """Its derivative along a direction, shape (N, T)."""
-        total = self._difference(
-            lambda sign: self._at(self.surroundings, self._moved(direction, sign * _STEP_M)), _STEP_M
-        )
+        ends = (self._at(self.surroundings, self._moved(direction, step)) for step in (-_STEP_M, _STEP_M))
+        behind, ahead = ends
+        total = (ahead - behind) / (2.0 * _STEP_M)
         for change, rate in direction.matter:
             if change.wall is not None:
                 total += rate * self._by_matter(change)
         return total.astype(np.complex64)
 
     def _by_matter(self, change: WallChange) -> NDArray[np.complex128]:
+        """One-sided and of second order: matter without loss cannot have less."""
         wall = self.surroundings.sheets[0].material  # not looked at: the change names a wall
-        step = changed(wall, self.surroundings, change, _STEPS_OF_MATTER)[2]
-
-        def at(sign: float) -> NDArray[np.complex128]:
-            _, surroundings, _ = changed(wall, self.surroundings, change, sign * _STEPS_OF_MATTER)
-            return self._at(surroundings, self.aperture)
-
-        return self._difference(at, step)
-
-    @staticmethod
-    def _difference(at: Callable[[float], NDArray[np.complex128]], step: float) -> NDArray[np.complex128]:
-        return np.asarray((at(1.0) - at(-1.0)) / (2.0 * step))
+        values = [self._at(self.surroundings, self.aperture)]
+        step = 0.0
+        for steps in (_STEPS_OF_MATTER, 2.0 * _STEPS_OF_MATTER):
+            _, surroundings, moved = changed(wall, self.surroundings, change, steps)
+            step = step or moved
+            values.append(self._at(surroundings, self.aperture))
+        return np.asarray((-3.0 * values[0] + 4.0 * values[1] - values[2]) / (2.0 * step))
 
     def sample_gradient(self, gradient: NDArray[np.complex64]) -> NDArray[np.float64]:
         """A sheet has no samples."""

@@ -117,7 +117,7 @@ class Matter:
 def changed(
     material: Material, surroundings: Surroundings, change: WallChange, steps: float = 1.0
 ) -> tuple[Material, Surroundings, float]:
-    """The scene with one of its numbers moved a little, and by how much.
+    """The scene with one of its numbers moved a little, and by how much: the imaginary part to more loss.
 
     Args:
         material, surroundings: the scene.
@@ -167,7 +167,7 @@ def _moved(material: Material, change: WallChange, steps: float) -> tuple[Materi
     if change.component == "real":
         real += step
     else:
-        loss -= step  # the imaginary part is -eps''
+        loss, step = loss + step, -step  # the imaginary part is -eps''
     return Material(material.name, Permittivity(real, loss=loss), thickness_m, roughness_m), step
 
 
@@ -178,7 +178,7 @@ def _variables(
         if not permittivity.is_complex():
             yield WallChange(wall, "real"), permittivity
         else:
-            parts = torch.view_as_real(permittivity)
+            parts = torch.view_as_real(permittivity.resolve_conj())
             yield WallChange(wall, "real"), parts[..., 0]
             yield WallChange(wall, "imaginary"), parts[..., 1]
     if _is_variable(thickness_m):

@@ -41,6 +41,8 @@ FAST = Numerics()
 EXACT = Numerics(spacing_wavelengths=0.25, facet_wavelengths=0.5, direct=True, tolerance=1e-5)
 # Where derivatives are taken: four moments of range carry smaller cells ten times more exactly.
 DIFFERENTIABLE = Numerics(cell_wavelengths=1.25, tolerance=1e-4)
+# The same where walls or an antenna's pattern are on the way: what they do is taken as exponential over a cell.
+DIFFERENTIABLE_THROUGH_WALLS = DIFFERENTIABLE.model_copy(update={"cell_wavelengths": 0.6})
 NUMERICS_BY_MODE = {"fast": FAST, "exact": EXACT}
 
 

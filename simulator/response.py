@@ -32,8 +32,8 @@ from waveformer.simulator.response_tables import (
     transmission_tables,
 )
 
-# Differences of the path factor: the centre and a step along each axis.
-_STENCIL, _STEP_M = 4, 1e-3
+# Differences of the path factor: the centre and a step either way along each axis.
+_STENCIL, _STEP_M = 7, 5e-4
 
 
 class _Field(NamedTuple):
@@ -186,7 +186,7 @@ class Response:
         lane = dr.arange(UInt32, _STENCIL * lanes)
         cell = lane // _STENCIL
         probe = lane - cell * _STENCIL
-        offsets = to_device(np.concatenate([np.zeros((1, 3)), _STEP_M * np.eye(3)]).ravel())
+        offsets = to_device(_STEP_M * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)]).ravel())
         point = dr.gather(Array3f, center, cell) + dr.gather(Array3f, offsets, probe)
         legs = [straight_leg(dr.gather(Array3f, antenna, cell), point) for antenna in antennas]
         factor = self.path(point, legs, dr.gather(UInt32, frequency, cell))
@@ -201,7 +201,10 @@ class Response:
         inverse = dr.select(
             exists, dr.rcp(dr.select(exists, value, Complex2f(1.0, 0.0))), Complex2f(0.0, 0.0)
         )
-        slopes = [(stepped - value) * inverse * (1.0 / _STEP_M) for stepped in around]
+        slopes = [
+            (ahead - behind) * inverse * (0.5 / _STEP_M)
+            for ahead, behind in zip(around[:3], around[3:], strict=True)
+        ]
         path = Path(
             value, Array3f(*(slope.real for slope in slopes)), Array3f(*(slope.imag for slope in slopes))
         )
