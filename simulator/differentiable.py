@@ -311,7 +311,7 @@ def _check_frozen(
     if wrong:
         raise RadarError(
             f"frozen belongs to another scene ({', '.join(wrong)}: {[frozen.belongs_to[name] for name in wrong]}, "
-            f"now {[given[name] for name in wrong]}): freeze this one"
+            f"now {[given[name] for name in wrong]}): freeze the scene anew"
         )
 
 
