@@ -19,6 +19,8 @@ from waveformer.simulator.errors import MeshError, RadarError
 
 Model = Callable[[torch.Tensor], torch.Tensor]
 
+# Steps end where they lower the misfit by less than this share of it.
+_SMALLEST_GAIN = 1e-6
 _FIRST_DAMPING, _SMALLEST_DAMPING, _LARGEST_DAMPING = 1e-3, 1e-9, 1e6
 
 
@@ -139,6 +141,8 @@ def _descend(
                 torch.diag(normal).clamp(min=1e-12 * float(normal.diagonal().max()))
             )
             step = torch.linalg.solve(damped, slope)
+            if float(step @ slope) < _SMALLEST_GAIN * cost * power:  # not even the model of the misfit promises more
+                break
             trial = values + step * scales
             trial_cost = _trial(model, trial, band, target, stage.groups) / power
             improved = trial_cost < cost
@@ -147,7 +151,7 @@ def _descend(
             break
         gain, values, cost = cost - trial_cost, trial, trial_cost
         history.append(cost)
-        if gain < 1e-6 * cost or float((step.abs()).max()) < 1e-7:
+        if gain < _SMALLEST_GAIN * cost or float((step.abs()).max()) < 1e-7:
             break
         signal, columns = linearise(model, values)
     residual, jacobian = _projected(signal[:, band], columns[:, :, band], target, stage.groups)

@@ -21,7 +21,7 @@ from waveformer.simulator import Aperture, FrontEnd, Material
 from waveformer.simulator import differentiable as model
 from waveformer.simulator.least_squares import Stage, fit
 
-TRIALS = 10
+TRIALS = 3
 # Where the search for a pose ends: half a millimetre and half a degree.
 START_M, START_DEG = 5e-4, 0.5
 # A millimetre, and as much at 7 cm from the middle; bias in metres, gain in dB.
