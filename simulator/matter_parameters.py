@@ -77,7 +77,7 @@ class Matter:
         """Every number that requires a gradient, as a real scalar tensor."""
         yield from _variables(None, self.permittivity, self.thickness_m)
         if isinstance(self.roughness_m, torch.Tensor) and _follows(self.roughness_m):
-            yield WallChange(None, "roughness"), self.roughness_m
+            yield WallChange(None, "roughness"), self.roughness_m.reshape(())
         walls = [*self.sheets, *([] if self.box is None else [self.box])]
         for index, wall in enumerate(walls):
             yield from _variables(index, wall.permittivity, wall.thickness_m)
@@ -176,13 +176,13 @@ def _variables(
 ) -> Iterator[tuple[WallChange, torch.Tensor]]:
     if _is_variable(permittivity):
         if not permittivity.is_complex():
-            yield WallChange(wall, "real"), permittivity
+            yield WallChange(wall, "real"), permittivity.reshape(())
         else:
-            parts = torch.view_as_real(permittivity.resolve_conj())
-            yield WallChange(wall, "real"), parts[..., 0]
-            yield WallChange(wall, "imaginary"), parts[..., 1]
+            parts = torch.view_as_real(permittivity.resolve_conj()).reshape(2)
+            yield WallChange(wall, "real"), parts[0]
+            yield WallChange(wall, "imaginary"), parts[1]
     if _is_variable(thickness_m):
-        yield WallChange(wall, "thickness"), thickness_m
+        yield WallChange(wall, "thickness"), thickness_m.reshape(())
 
 
 def _is_variable(value: Any) -> bool:

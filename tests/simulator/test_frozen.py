@@ -91,7 +91,7 @@ def test_the_echo_follows_surface_and_antennas(aperture: Aperture) -> None:
 
     mesh = ball_over_a_plate()
     target = freeze(mesh, aperture, Surroundings())
-    scene = FrozenScene(mesh.faces, [target], [], CHIRP, len(aperture), DIFFERENTIABLE)
+    scene = FrozenScene(mesh.faces, [target], [], CHIRP, DIFFERENTIABLE, {})
     twin = FrozenTwin.at(scene, mesh.vertices_m, aperture)
     moved = mesh.vertices_m + [3e-4, -2e-4, 5e-4]
     jitter = np.random.default_rng(0).normal(size=(len(aperture), 3)) * 1e-4

@@ -49,7 +49,7 @@ def frozen(plate: Any, aperture: Aperture) -> tuple[Any, Any, SurfaceSamples]:
     target = FrozenTarget(surface, tessellate(plate, 0.0013).take(index))
     return (
         surface,
-        FrozenScene(plate.faces, [target], [], CHIRP, len(aperture), DIFFERENTIABLE),
+        FrozenScene(plate.faces, [target], [], CHIRP, DIFFERENTIABLE, {}),
         take(samples, index),
     )
 
