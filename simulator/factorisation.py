@@ -60,7 +60,7 @@ def plan_cells(samples: SurfaceSamples, cells: Cells, chirp: Chirp, numerics: Nu
     """The plan of samples that already lie cell by cell."""
     center = 0.5 * (samples.points_m.min(axis=0) + samples.points_m.max(axis=0))
     radius = float(np.sqrt(((samples.points_m - center) ** 2).sum(axis=1).max()))
-    ranges = range_bins(chirp, center, radius, cells.radius_m)
+    ranges = range_bins(chirp, center, radius, cells.radius_m, numerics.bin_wavelengths)
     return Factorisation(
         samples=samples,
         cells=cells,

@@ -141,7 +141,9 @@ def _descend(
                 torch.diag(normal).clamp(min=1e-12 * float(normal.diagonal().max()))
             )
             step = torch.linalg.solve(damped, slope)
-            if float(step @ slope) < _SMALLEST_GAIN * cost * power:  # not even the model of the misfit promises more
+            if (
+                float(step @ slope) < _SMALLEST_GAIN * cost * power
+            ):  # not even the model of the misfit promises more
                 break
             trial = values + step * scales
             trial_cost = _trial(model, trial, band, target, stage.groups) / power

@@ -19,6 +19,7 @@ class Numerics(BaseModel):
         direct: sum every pair of sample and antenna exactly, with ray-traced visibility per antenna
             position; otherwise the factorised kernel with visibility per sub-aperture.
         cell_wavelengths: edge of the cells of samples that the factorised kernel sums as one.
+        bin_wavelengths: width of its range bins.
         tolerance: bound on the relative error of every interpolation in the factorised kernel.
         probe_spacing_deg: angle between neighbouring sub-apertures of the first visibility pass, seen
             from the object.
@@ -32,6 +33,7 @@ class Numerics(BaseModel):
     facet_taper: bool = True
     direct: bool = False
     cell_wavelengths: float = Field(default=2.0, gt=0.0, le=4.0)
+    bin_wavelengths: float = Field(default=1.0, gt=0.0, le=2.0)
     tolerance: float = Field(default=1e-3, gt=0.0, lt=0.1)
     probe_spacing_deg: float = Field(default=5.0, gt=0.0)
     leaf_spacing_deg: float = Field(default=1.0, gt=0.0)
@@ -39,8 +41,8 @@ class Numerics(BaseModel):
 
 FAST = Numerics()
 EXACT = Numerics(spacing_wavelengths=0.25, facet_wavelengths=0.5, direct=True, tolerance=1e-5)
-# Where derivatives are taken: four moments of range carry smaller cells ten times more exactly.
-DIFFERENTIABLE = Numerics(cell_wavelengths=1.25, tolerance=1e-4)
+# Where derivatives are taken: four moments of range carry smaller cells and bins thirty times more exactly.
+DIFFERENTIABLE = Numerics(cell_wavelengths=0.8, bin_wavelengths=0.5, tolerance=1e-4)
 # The same where walls or an antenna's pattern are on the way: what they do is taken as exponential over a cell.
 DIFFERENTIABLE_THROUGH_WALLS = DIFFERENTIABLE.model_copy(update={"cell_wavelengths": 0.6})
 NUMERICS_BY_MODE = {"fast": FAST, "exact": EXACT}

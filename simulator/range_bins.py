@@ -41,11 +41,15 @@ class RangeBins:
 
 
 def range_bins(
-    chirp: Chirp, center_m: NDArray[np.float64], radius_m: float, cell_radius_m: float
+    chirp: Chirp,
+    center_m: NDArray[np.float64],
+    radius_m: float,
+    cell_radius_m: float,
+    width_wavelengths: float | None = None,
 ) -> RangeBins:
     """Bins for an object within `radius_m` of its reference point, cut into cells of `cell_radius_m`."""
     wavelength = SPEED_OF_LIGHT_M_PER_S / chirp.center_hz
-    width = BIN_WIDTH_WAVELENGTHS * wavelength
+    width = (width_wavelengths or BIN_WIDTH_WAVELENGTHS) * wavelength
     count = 2 * int(np.ceil(radius_m / width) + 1) + 1
     scale = cell_radius_m + 0.5 * width
     wavenumber_offset = 4.0 * np.pi * (chirp.frequencies_hz - chirp.center_hz) / SPEED_OF_LIGHT_M_PER_S

@@ -30,7 +30,7 @@ def trials(meshes: Path, cache: Path, name: str, seed: int) -> list[dict[str, An
     """Relative errors of all starts on one object."""
     rng = np.random.default_rng([seed, list(OBJECTS).index(name)])
     vertices, faces = placed(meshes, name, -0.4)
-    positions = raster(6, 6, 0.012, 0.012)
+    positions = raster(8, 8, 0.01, 0.01)
     tx = np.concatenate([positions] * len(OFFSETS_M))
     rx = np.concatenate([positions + offset for offset in OFFSETS_M])
     permittivity, roughness_m = rng.uniform(2.0, 6.0), rng.uniform(2e-4, 4e-4)
