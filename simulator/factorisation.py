@@ -142,7 +142,7 @@ def set_apart(visibility: TileVisibility, chosen: NDArray[np.bool_]) -> TileVisi
     if not moved.any():
         return visibility
     alone = visibility.lit[moved]
-    everywhere = np.ones((len(visibility.partial_visible), len(alone)), dtype=np.float32)
+    everywhere = np.ones((len(visibility.partial_visible), len(alone)), dtype=np.float16)
     return TileVisibility(
         visibility.lit[~moved],
         np.concatenate([visibility.partial, alone]),

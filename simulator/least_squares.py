@@ -22,6 +22,9 @@ Model = Callable[[torch.Tensor], torch.Tensor]
 # Steps end where they lower the misfit by less than this share of it.
 _SMALLEST_GAIN = 1e-6
 _FIRST_DAMPING, _SMALLEST_DAMPING, _LARGEST_DAMPING = 1e-3, 1e-9, 1e6
+# Directions whose curvature, in units of the scales, is below this share of the largest stay where they are: free gains
+# leave rounding errors of single precision in the place of a parameter that they make unobservable.
+_SMALLEST_CURVATURE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +54,8 @@ class Fit:
     Attributes:
         values: parameters (P,).
         misfit: power of the residual over that of the signal, in the last stage: about 1 / SNR where the model is right.
-        deviations: standard deviations of the parameters if the residual is noise (P,).
+        deviations: standard deviations of the parameters if the residual is noise (P,); infinite for those that
+            neither the last stage nor a prior tells.
         history: misfit after every accepted step of all stages.
     """
 
@@ -135,11 +139,10 @@ def _descend(
         # a prior weighs as much as noise of the present misfit
         normal = jacobian @ jacobian.T + torch.diag(precision * noise)
         slope = jacobian @ residual - precision * noise * (values - start) / scales
+        still = _SMALLEST_CURVATURE * normal.diagonal().max() * torch.eye(len(values), dtype=normal.dtype)
         improved = False
         while damping < _LARGEST_DAMPING and not improved:
-            damped = normal + damping * torch.diag(
-                torch.diag(normal).clamp(min=1e-12 * float(normal.diagonal().max()))
-            )
+            damped = normal + damping * normal.diagonal().diag() + still
             step = torch.linalg.solve(damped, slope)
             if (
                 float(step @ slope) < _SMALLEST_GAIN * cost * power
@@ -158,8 +161,18 @@ def _descend(
         signal, columns = linearise(model, values)
     residual, jacobian = _projected(signal[:, band], columns[:, :, band], target, stage.groups)
     noise = cost * power / residual.numel()
-    covariance = torch.linalg.pinv(jacobian @ jacobian.T / noise, hermitian=True)
-    return values, (cost, covariance.diagonal().clamp(min=0.0).sqrt()), history
+    jacobian = jacobian * scales[:, None]
+    normal = jacobian @ jacobian.T + torch.diag(precision * noise)
+    return values, (cost, scales * _deviations(normal, noise)), history
+
+
+def _deviations(normal: torch.Tensor, noise: float) -> torch.Tensor:
+    """Standard deviations in units of the scales; infinite where the normal matrix has no curvature."""
+    curvatures, directions = torch.linalg.eigh(normal)
+    told = curvatures > _SMALLEST_CURVATURE * curvatures.max()
+    squares = directions**2
+    variances = noise * (squares[:, told] / curvatures[told]).sum(dim=1)
+    return torch.where(squares[:, ~told].sum(dim=1) > 1e-6, torch.inf, variances).sqrt()
 
 
 def _trial(

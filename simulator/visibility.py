@@ -26,12 +26,13 @@ class TileVisibility:
     Attributes:
         lit: samples that all of the tile sees, increasing, shape (L,).
         partial: samples that only some of the tile's ray positions see, increasing, shape (P,).
-        partial_visible: 0 .. 1 for every ray position and partial sample, shape (L, P).
+        partial_visible: 0 .. 1 for every ray position and partial sample, shape (L, P). Multiples of an eighth,
+            which half precision holds exactly: it is what a frozen scene has most of.
     """
 
     lit: NDArray[np.int64]
     partial: NDArray[np.int64]
-    partial_visible: NDArray[np.float32]
+    partial_visible: NDArray[np.float16]
 
 
 def _patches(samples: SurfaceSamples, extent_m: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -106,7 +107,7 @@ class VisibilityMap:
         visible, blocked = (states == VISIBLE).any(axis=0), (states == BLOCKED).any(axis=0)
         lit, mixed = np.concatenate([lit, mixed[visible & ~blocked]]), mixed[visible & blocked]
         if len(mixed) == 0:
-            return TileVisibility(np.sort(lit), mixed, np.empty((len(tile.ray_tx_m), 0), np.float32))
+            return TileVisibility(np.sort(lit), mixed, np.empty((len(tile.ray_tx_m), 0), np.float16))
         if tile.ray_shape is None:
             states = self._trace(tile.ray_tx_m, tile.ray_rx_m, mixed)
             share = (states == VISIBLE).astype(np.float32)
@@ -114,7 +115,8 @@ class VisibilityMap:
         else:
             share, whole = self._trace_lattice(tile, tile.ray_shape, mixed)
         partial = ~whole & share.any(axis=0)
-        return TileVisibility(np.sort(np.concatenate([lit, mixed[whole]])), mixed[partial], share[:, partial])
+        lit = np.sort(np.concatenate([lit, mixed[whole]]))
+        return TileVisibility(lit, mixed[partial], share[:, partial].astype(np.float16))
 
     def _by_near_probes(self, tile: Tile) -> tuple[NDArray[np.int64], ...]:
         """Samples that all near probes see, where they face them; that some see; that none faces."""

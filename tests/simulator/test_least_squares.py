@@ -96,6 +96,23 @@ def test_a_prior_holds_what_the_signal_does_not_tell() -> None:
     assert float(found.values[0]) == pytest.approx(1e-4, abs=1e-6)
 
 
+def test_what_a_stage_cannot_see_stays_where_it_was() -> None:
+    def single(values: torch.Tensor) -> torch.Tensor:
+        # single precision: what the free gain takes out leaves rounding errors behind
+        return (points(values[:3]) * torch.exp(0.1 * values[3])).to(torch.complex64)
+
+    truth = torch.tensor([1e-4, 0.0, 0.0, 3.0], dtype=torch.float64)
+    scales = torch.tensor([1e-3, 1e-3, 1e-3, 1.0], dtype=torch.float64)
+    free = [Stage(TILES)]
+    found = fit(single, single(truth), torch.zeros(4), scales, free)
+    assert abs(float(found.values[3])) < 1e-3
+    assert torch.isinf(found.deviations[3])
+    assert torch.isfinite(found.deviations[:3]).all()
+    assert torch.linalg.vector_norm(found.values[:3] - truth[:3]) < 1e-6
+    whole = fit(single, single(truth), torch.zeros(4), scales, [*free, Stage()])
+    assert float(whole.values[3]) == pytest.approx(3.0, abs=1e-3)
+
+
 def test_values_that_the_model_refuses_are_stepped_around() -> None:
     truth = torch.tensor([2e-4, 0.0, 0.0], dtype=torch.float64)
 
