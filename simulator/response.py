@@ -89,8 +89,9 @@ class Response:
         self._transmissions = [transmission_tables(wall, plan.frequencies_hz) for wall in self._walls]
         self._polarization = _constant(surroundings.polarization)
         self._gain = None if surroundings.antenna.is_isotropic else gain_tables(surroundings)
-        broadside = surroundings.antenna.amplitude(np.array([0.0, 0.0, 1.0]))
-        self._broadside = dr.opaque(Float, float(broadside))
+        broadside = float(surroundings.antenna.amplitude(np.array([0.0, 0.0, 1.0])))
+        self._broadside = dr.opaque(Float, broadside)
+        self._common_gain = dr.opaque(Float, broadside**2)
 
     def along(self, seed: Float, changes: Sequence[tuple[WallChange, float]]) -> Response:
         """The same factor with numbers of its matter moving with the seed, each at its rate."""
@@ -132,7 +133,9 @@ class Response:
         return self._transmission_changes[change]
 
     def surface(self, legs: list[Leg], cosine: Any, normal: Any, frequency: UInt32) -> Any:
-        """Gamma at the local angle, with the form factor of flat rectangular samples.
+        """Gamma at the local angle, with the form factor of flat rectangular samples and the gain of isotropic antennas.
+
+        That gain belongs here since cells skip the path factor where it is 1.
 
         Args:
             legs: the way of the transmitter, and of the receiver unless monostatic.
@@ -147,10 +150,10 @@ class Response:
         weight = self._reflection(legs, cosine, normal, wavenumber, frequency)
         if self._facet is not None:
             weight = weight * rectangle_form_factor(legs, normal, self._facet, wavenumber)
-        return weight
+        return weight * self._common_gain if self._gain is None else weight
 
     def path(self, point: Any, legs: list[Leg], frequency: UInt32) -> Any:
-        """Transmission of all that both ways cross, and the gains of both antennas.
+        """Transmission of all that both ways cross, and the gains of antennas with a pattern.
 
         Args:
             point: sample in the radar frame (Array3f).
@@ -178,7 +181,7 @@ class Response:
             frequency: entry of the plan's frequencies.
 
         Returns:
-            None if the factor is the same everywhere.
+            None if the factor is 1 everywhere.
         """
         if self._gain is None and not self._surroundings.occludes:
             return None
@@ -263,7 +266,7 @@ class Response:
     def _amplitude_gain(self, leg: Leg) -> Any:
         """sqrt(G) towards the sample: the cuts through both principal planes, over broadside."""
         if self._gain is None:
-            return self._broadside
+            return 1.0
         towards = leg.direction
         amplitude = dr.rcp(self._broadside)
         for table, component in zip(self._gain, (towards.x, towards.y), strict=True):

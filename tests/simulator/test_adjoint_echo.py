@@ -34,6 +34,7 @@ AROUND = {
     "matter": (Material.dielectric(3 - 0.2j, 0.003, 2e-4), Surroundings()),
     "sheet": (Material.pec(1e-4), Surroundings(sheets=(Sheet((0, 0, -0.1), (0.1, 0, 1), 0.003, 2 - 0.1j),))),
     "pattern": (Material.pec(), Surroundings(antenna=Antenna.from_preset("iwr1443"))),
+    "gain": (Material.dielectric(3 - 0.2j), Surroundings(Antenna.isotropic(10.0))),
 }
 
 
@@ -62,7 +63,7 @@ def term_of(aperture: Aperture, around: str) -> Any:
 @pytest.mark.parametrize(
     ("kind", "around"),
     [("monostatic", "open"), ("pairs", "open"), ("irregular", "open"), ("pairs", "matter"), ("pairs", "sheet"),
-     ("monostatic", "pattern")],
+     ("monostatic", "pattern"), ("monostatic", "gain")],
 )  # fmt: skip
 def test_the_adjoint_is_the_transposed_of_forward_mode(
     rng: np.random.Generator, kind: str, around: str

@@ -88,6 +88,14 @@ def test_through_a_sheet() -> None:
     assert case.misses("vertices", "tx_m", "sheet permittivity", "sheet thickness_m", "roughness_m") == {}
 
 
+@pytest.mark.parametrize("sheet", [None, WALL], ids=["open", "sheet"])
+def test_an_isotropic_gain_with_matter(sheet: Any) -> None:
+    antenna = Antenna.isotropic(10.0)
+    case = GradientCase(*blob(), CHIRP, FEW, permittivity=3 - 0.2j, sheet=sheet, antenna=antenna, mode=COARSE)
+    assert difference(case.fast().numpy(), case.exact()) < PATH_TOLERANCE
+    assert case.misses("vertices", "tx_m", "permittivity") == {}
+
+
 def test_a_sheet_with_an_echo() -> None:
     around: dict[str, Any] = {"sheet": WALL, "sheet_echo": True, "mode": COARSE}
     case = GradientCase(*blob(), CHIRP, FEW, FEW + OFFSET, permittivity=3 - 0.2j, **around)

@@ -5,7 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from waveformer.simulator import Aperture, Chirp, FrontEnd, forward_model, primitives, simulate
+from waveformer.simulator import (
+    Antenna,
+    Aperture,
+    Box,
+    Chirp,
+    FrontEnd,
+    Material,
+    Sheet,
+    Target,
+    forward_model,
+    primitives,
+    simulate,
+)
 from waveformer.simulator.forward_model import ForwardModel
 from waveformer.simulator.front_end_noise import signal_power
 
@@ -39,3 +51,22 @@ def test_the_noise_of_a_scan_has_the_level_asked_for() -> None:
     level_db = 10 * np.log10(np.median(signal_power(ideal)) / per_bin)
     # 144 x 32 exponential powers: 0.06 dB standard deviation; three of them
     assert level_db == pytest.approx(20.0, abs=0.2)
+
+
+@pytest.mark.parametrize("mode", ["fast", "exact"])
+@pytest.mark.parametrize("around", ["open", "sheet", "box"])
+def test_an_isotropic_gain_counts_twice_whatever_is_there(mode: str, around: str) -> None:
+    level, few = Antenna.isotropic(10.0), Aperture.planar_grid(4, 4, 0.008)
+    settings = {
+        "open": {},
+        "sheet": {"sheets": [Sheet((0, 0, -0.15), (0.1, 0, 1), 0.004, 2.6, echo=True)]},
+        "box": {"box": Box((-0.05, -0.06, -0.36), (0.06, 0.05, -0.24), 0.004, "cardboard")},
+    }[around]
+    for material in (Material.dielectric(2.6 - 0.3j), Material.pec(3e-4)):
+        target = Target(ball(), material=material)
+        with_gain, without = (
+            simulate(target, CHIRP, few, antenna=antenna, mode=mode, **settings).h
+            for antenna in (level, None)
+        )
+        # 10 dB of power for each antenna; float32
+        assert np.abs(with_gain - 10.0 * without).max() < 1e-5 * np.abs(with_gain).max()

@@ -24,6 +24,7 @@ CHIRP = Chirp(77.5001e9, 3.0009e9, 16)
 SLANTED = Sheet((0.0, 0.0, -0.15), (0.2, -0.3, 1.0), 0.004, 1.5 - 0.05j)
 LEVEL = Sheet((0.0, 0.0, -0.12), (0.0, 0.0, 1.0), 0.003, 2.6 - 0.02j)
 BOX = Box((-0.08, -0.07, -0.42), (0.08, 0.07, -0.2), 0.004, "cardboard")
+GAIN, BEAM = Antenna.isotropic(10.0), Antenna.cosine_power(10.0, 60.0, 40.0)
 Case = tuple[Material, Surroundings, Crossings]
 CASES: dict[str, Case] = {
     "rough conductor": (Material.pec(roughness_m=3e-4), Surroundings(), "none"),
@@ -34,6 +35,11 @@ CASES: dict[str, Case] = {
     "inside a box": (Material.pec(), Surroundings(box=BOX), "leaving"),
     "beyond a box": (Material.dielectric(4.0), Surroundings(box=BOX, sheets=(LEVEL,)), "any"),
     "pattern": (Material.pec(), Surroundings(antenna=Antenna.from_preset("iwr1443")), "none"),
+    "gain on matter": (Material.dielectric(2.6 - 0.3j), Surroundings(GAIN), "none"),
+    "gain through a sheet": (Material.dielectric(2.6 - 0.3j), Surroundings(GAIN, sheets=(LEVEL,)), "none"),
+    "gain in a box": (Material.pec(roughness_m=3e-4), Surroundings(GAIN, box=BOX), "leaving"),
+    "pattern on matter": (Material.dielectric(2.6 - 0.3j), Surroundings(BEAM), "none"),
+    "pattern through a sheet": (Material.dielectric(2.6 - 0.3j), Surroundings(BEAM, sheets=(LEVEL,)), "none"),
 }
 
 
