@@ -1,0 +1,108 @@
+"""Loss of candidate levels against the measured profile, and the choice among them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+# mmNorm's limits on heights and prominences are sums over this many antennas.
+_MMNORM_ANTENNAS = 50
+_MAX_SWEEPS = 50
+
+
+def antenna_losses(measured: NDArray[Any], simulated: NDArray[Any]) -> NDArray[np.float64]:
+    """Loss of mmNorm: the magnitudes in the window, each side of unit L2 norm, and the sum of their differences.
+
+    Args:
+        measured: complex profiles, shape (n, W).
+        simulated: of every level, complex amplitudes or real powers, shape (L, n, W).
+
+    Returns:
+        Loss of every level at every antenna, shape (L, n), 0 .. sqrt(2 W); a level without an echo compares as 0.
+    """
+    return np.asarray(np.abs(_unit(np.abs(measured)) - _unit(_magnitude(simulated))).sum(axis=-1))
+
+
+def coordinate_descent(measured: NDArray[Any], responses: Sequence[NDArray[Any]]) -> list[int]:
+    """Levels of several components whose echoes add, such that no single change of one lowers the loss.
+
+    It starts with the first component alone, adds the others one by one at their best level, then goes round
+    until nothing changes.
+
+    Args:
+        measured: complex profiles, shape (n, W).
+        responses: of every component, (L_c, n, W), L_c >= 1, the largest component first.
+
+    Returns:
+        One level a component.
+    """
+    chosen: list[int] = []
+    for index in range(len(responses)):
+        slice_ = component_losses(measured, responses[: index + 1], [*chosen, 0], index).sum(axis=1)
+        chosen.append(int(np.argmin(slice_)))
+    for _ in range(_MAX_SWEEPS):
+        before = list(chosen)
+        for index in range(len(responses)):
+            slice_ = component_losses(measured, responses, chosen, index).sum(axis=1)
+            best = int(np.argmin(slice_))
+            if slice_[best] < slice_[chosen[index]]:
+                chosen[index] = best
+        if chosen == before:
+            break
+    return chosen
+
+
+def component_losses(
+    measured: NDArray[Any], responses: Sequence[NDArray[Any]], chosen: Sequence[int], index: int
+) -> NDArray[np.float64]:
+    """Loss of every level of one component, the others held at their chosen levels, shape (L_c, n)."""
+    total = responses[index]
+    for other, response in enumerate(responses):
+        if other != index:
+            total = total + response[chosen[other]]
+    return antenna_losses(measured, total)
+
+
+def last_peak(loss: NDArray[np.float64], num_antennas: int, several: bool) -> int:
+    """Choice of mmNorm: the highest level among the clear minima of the loss, the one closest to the radar.
+
+    Minima are peaks of max - loss that scipy's find_peaks accepts. One component: height at least 0.9 of the
+    highest (0.3 if that is at an end), prominence at least 1, and the global minimum itself if it is not at an
+    end. Several components, along one of them: height at least 0.4 of the highest and 2, prominence 0.1. The
+    absolute limits are meant for 50 antennas and are scaled to the number used.
+
+    Args:
+        loss: summed over antennas, levels ascending, shape (L,).
+        num_antennas: summed over.
+        several: whether the loss is a slice through the levels of several components.
+
+    Returns:
+        The level; the global minimum if there is no such peak.
+    """
+    from scipy.signal import find_peaks
+
+    gain = loss.max() - loss
+    best = int(np.argmin(loss))
+    is_inside = 0 < best < len(loss) - 1
+    scale = num_antennas / _MMNORM_ANTENNAS
+    if several:
+        height, prominence = max(0.4 * gain[best], 2.0 * scale), 0.1 * scale
+    else:
+        height, prominence = (0.9 if is_inside else 0.3) * gain[best], scale
+    peaks = [int(peak) for peak in find_peaks(gain, height=height, prominence=prominence)[0]]
+    if is_inside and not several:
+        peaks.append(best)
+    return max(peaks) if peaks else best
+
+
+def _magnitude(values: NDArray[Any]) -> NDArray[Any]:
+    return np.asarray(np.abs(values) if np.iscomplexobj(values) else np.sqrt(values))
+
+
+def _unit(values: NDArray[Any]) -> NDArray[Any]:
+    # einsum: one pass without a squared copy; in double, because squares of weak echoes underflow
+    norm = np.sqrt(np.einsum("...w,...w->...", values, values, dtype=np.float64))[..., None]
+    return np.asarray(values / np.where(norm > 0, norm, 1.0))
