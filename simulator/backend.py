@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING
 
 from waveformer.simulator.runtime import chosen_device
 
-__all__ = ["DEVICE", "Array3f", "Array4f", "Complex2f", "Float", "UInt32"]
+__all__ = ["DEVICE", "Array2f", "Array3f", "Array4f", "Complex2f", "Float", "UInt32"]
 
 DEVICE = chosen_device()
 
 if TYPE_CHECKING:
-    from drjit.llvm.ad import Array3f, Array4f, Complex2f, Float, UInt32
+    from drjit.llvm.ad import Array2f, Array3f, Array4f, Complex2f, Float, UInt32
 else:
     _types = importlib.import_module({"cpu": "drjit.llvm.ad", "cuda": "drjit.cuda.ad"}[DEVICE])
-    Array3f, Array4f, Complex2f = _types.Array3f, _types.Array4f, _types.Complex2f
+    Array2f, Array3f, Array4f = _types.Array2f, _types.Array3f, _types.Array4f
+    Complex2f = _types.Complex2f
     Float, UInt32 = _types.Float, _types.UInt32

@@ -29,7 +29,7 @@ class RangeBins:
         wavelength_m: of the carrier, at the centre frequency.
         moment_scale_m: X, the largest range difference within a bin that the moments carry.
         count, width_m: bin b is centred on (b - count // 2) * width.
-        to_samples: matrix from (bin, moment) to the T samples, (count * NUM_MOMENTS, T) complex64.
+        to_samples: matrix from (bin, moment) to the T samples, (count * moments, T) complex64.
     """
 
     center_m: NDArray[np.float64]
@@ -46,6 +46,7 @@ def range_bins(
     radius_m: float,
     cell_radius_m: float,
     width_wavelengths: float | None = None,
+    num_moments: int = NUM_MOMENTS,
 ) -> RangeBins:
     """Bins for an object within `radius_m` of its reference point, cut into cells of `cell_radius_m`."""
     wavelength = SPEED_OF_LIGHT_M_PER_S / chirp.center_hz
@@ -53,10 +54,10 @@ def range_bins(
     count = 2 * int(np.ceil(radius_m / width) + 1) + 1
     scale = cell_radius_m + 0.5 * width
     wavenumber_offset = 4.0 * np.pi * (chirp.frequencies_hz - chirp.center_hz) / SPEED_OF_LIGHT_M_PER_S
-    polynomial = phase_polynomial(wavenumber_offset * scale, NUM_MOMENTS)  # (moment, T)
+    polynomial = phase_polynomial(wavenumber_offset * scale, num_moments)  # (moment, T)
     bin_range_m = (np.arange(count) - count // 2) * width
     carrier = np.exp(-1j * bin_range_m[:, None] * wavenumber_offset[None, :])  # (bin, T)
-    matrix = (carrier[:, None, :] * polynomial[None, :, :]).reshape(count * NUM_MOMENTS, -1)
+    matrix = (carrier[:, None, :] * polynomial[None, :, :]).reshape(count * num_moments, -1)
     return RangeBins(center_m, wavelength, scale, count, width, matrix.astype(np.complex64))
 
 

@@ -82,7 +82,7 @@ def build_tiles(
     max_extent = closest_m * np.radians(MAX_TILE_ANGLE_DEG)
     phase_per_metre = node_phase_per_metre(closest_m, cell_radius_m, wavelength_m, response_phase_per_radian)
     tiles = []
-    for group, shift in _groups_of_equal_offset(aperture):
+    for group, shift in groups_of_equal_offset(aperture):
         for members in group_into_tiles(centers[group], MAX_TILE_POSITIONS, max_extent):
             rows = group[members]
             ray_tx, ray_rx = aperture.tx_m[rows], None if aperture.rx_m is None else aperture.rx_m[rows]
@@ -129,13 +129,13 @@ def _place_nodes(
     tx, rx = aperture.tx_m[rows], None if aperture.rx_m is None else aperture.rx_m[rows]
     if shift is None:
         return tx, rx, None
-    nodes, weights = _nodes(tx + 0.5 * shift, phase_per_metre, tolerance)
+    nodes, weights = interpolation_nodes(tx + 0.5 * shift, phase_per_metre, tolerance)
     if weights is None:
         return tx, rx, None
     return nodes - 0.5 * shift, None if rx is None else nodes + 0.5 * shift, weights
 
 
-def _groups_of_equal_offset(
+def groups_of_equal_offset(
     aperture: Aperture,
 ) -> list[tuple[NDArray[np.int64], NDArray[np.float64] | None]]:
     """Rows that share one TX-RX offset, which may share nodes; None where no offset repeats."""
@@ -155,7 +155,7 @@ def _central(positions: NDArray[np.float64], members: NDArray[np.int64]) -> int:
     return int(members[np.argmin(((group - middle) ** 2).sum(axis=1))])
 
 
-def _nodes(
+def interpolation_nodes(
     positions: NDArray[np.float64], phase_per_metre: float, tolerance: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float32] | None]:
     """Tensor-product Chebyshev nodes of a group's bounding box and the weights to its positions."""
