@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 import torch
@@ -94,6 +96,38 @@ def test_a_prior_holds_what_the_signal_does_not_tell() -> None:
     found = fit(model, measured, start, scales, prior_deviations=prior)
     assert float(found.values[1]) == pytest.approx(7.0)
     assert float(found.values[0]) == pytest.approx(1e-4, abs=1e-6)
+    # the signal tells nothing of it, so it is known as well as before
+    assert float(found.deviations[1]) == pytest.approx(1.0, rel=1e-6)
+    assert float(found.deviations[0]) < 1e-5
+
+
+def test_a_prior_pulls_back_what_an_earlier_stage_had_moved(rng: np.random.Generator) -> None:
+    still = points(torch.zeros(3, dtype=torch.float64))
+    direction = 0.01 * noise(still, rng, 1.0)
+    # the signal tells 1 in the middle of the band and in all of it, but there with so much noise that the prior tells more
+    outer = torch.ones(32)
+    outer[8:24] = 0.0
+    disturbance = noise(still, rng, 3.0) * outer
+    along = (direction.conj() * disturbance).real.sum() / (direction.abs() ** 2 * outer).sum()
+    measured = still + direction + disturbance - along * direction * outer
+    start, prior = torch.zeros(1, dtype=torch.float64), torch.tensor([0.05], dtype=torch.float64)
+
+    def model(values: torch.Tensor) -> torch.Tensor:
+        return still + values[0] * direction
+
+    stages = [Stage(bandwidth_share=0.5), Stage()]
+    half, found = (
+        fit(model, measured, start, torch.ones(1), stages[:count], prior_deviations=prior) for count in (1, 2)
+    )
+    assert float(half.values[0]) == pytest.approx(1.0, abs=1e-3)
+    # the closed form for noise of the present misfit
+    variance = found.misfit * float((measured.abs() ** 2).sum()) / (2 * measured.numel())
+    told = float((direction.conj() * (measured - still)).real.sum())
+    known = float((direction.abs() ** 2).sum())
+    expected = told / (known + variance / 0.05**2)
+    assert abs(expected) < 0.2
+    # a step is not worth taking below 1e-6 of 9216 squares, so a tenth of the deviation of 0.05 may be left
+    assert float(found.values[0]) == pytest.approx(expected, abs=5e-3)
 
 
 def test_what_a_stage_cannot_see_stays_where_it_was() -> None:
@@ -129,3 +163,39 @@ def test_values_that_the_model_refuses_are_stepped_around() -> None:
 def test_a_share_of_the_band_is_a_share(share: float) -> None:
     with pytest.raises(RadarError, match="bandwidth_share"):
         Stage(bandwidth_share=share)
+
+
+MEASURED, START, SCALES = points(torch.zeros(3)), torch.zeros(3), torch.ones(3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"measured": MEASURED.numpy()}, r"measured must be a complex tensor of shape \(N, T\), got complex128 of shape"),
+        ({"measured": MEASURED.real}, "measured must be a complex tensor"),
+        ({"measured": MEASURED * torch.nan}, "measured must be finite: 4608 of 4608 samples"),
+        ({"measured": MEASURED * 0}, "measured is zero everywhere: there is nothing to fit"),
+        ({"measured": MEASURED[:1]}, r"measured of shape \(1, 32\) must have that of the model, \(144, 32\)"),
+        ({"start": torch.zeros(0)}, r"start must be a real tensor of shape \(P,\) with P >= 1"),
+        ({"start": START * torch.nan}, "start must be finite"),
+        ({"scales": SCALES * 0}, "scales must be positive"),
+        ({"scales": SCALES[:2]}, r"scales must be a real tensor of shape \(3,\), one for each parameter"),
+        ({"prior_deviations": SCALES * 0}, "prior_deviations must be positive"),
+        ({"prior_deviations": SCALES[0]}, r"prior_deviations must be a real tensor of shape \(3,\)"),
+        ({"stages": []}, "a fit needs at least one stage"),
+        ({"stages": [Stage(TILES[:7])]}, "groups must be whole numbers from 0, one for each of 144 pairs, got torch.int64"),
+        ({"stages": [Stage(TILES.double())]}, "groups must be whole numbers from 0"),
+        ({"stages": [Stage(TILES - 1)]}, "groups must be whole numbers from 0"),
+    ],
+)  # fmt: skip
+def test_what_makes_no_sense_is_refused(changes: dict[str, Any], message: str) -> None:
+    given: dict[str, Any] = {"model": points, "measured": MEASURED, "start": START, "scales": SCALES}
+    with pytest.raises(RadarError, match=f"^{message}") as caught:
+        fit(**(given | changes))
+    assert "\n" not in str(caught.value)
+
+
+def test_parameters_that_the_model_ignores_stay_where_they_are() -> None:
+    found = fit(lambda values: MEASURED + 0.1 + 0.0 * values[0], MEASURED, START + 2.0, SCALES)
+    assert (found.values == 2.0).all()
+    assert torch.isinf(found.deviations).all()
