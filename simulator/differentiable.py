@@ -8,8 +8,7 @@ surface does not show in a gradient (docs/inverse_problems.md has the bias by th
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,14 +16,16 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 
 from waveformer.simulator.antenna import Antenna
+from waveformer.simulator.arguments import complex_number, coordinates, instance, real_number, shown
 from waveformer.simulator.differentiable_echo import differentiable_echo
 from waveformer.simulator.differentiable_imaging import backproject, project
+from waveformer.simulator.differentiable_rotation import rotation_matrix
 from waveformer.simulator.echo_operator import EchoTerm
-from waveformer.simulator.errors import MeshError, RadarError
+from waveformer.simulator.errors import RadarError, WaveformerError
 from waveformer.simulator.factorisation import taper_scale
-from waveformer.simulator.matter_parameters import Box, Matter, Sheet, changed
-from waveformer.simulator.mesh import SurfaceMesh, load_mesh
-from waveformer.simulator.numerics import DIFFERENTIABLE, DIFFERENTIABLE_THROUGH_WALLS, Numerics
+from waveformer.simulator.frozen_scene import FrozenScene, check_frozen, check_mode, freeze
+from waveformer.simulator.matter_parameters import Box, Matter, Sheet, as_sheets, changed
+from waveformer.simulator.numerics import Numerics
 from waveformer.simulator.quadrature import SurfaceSamples
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Aperture, Chirp
 from waveformer.simulator.response_plan import WallChange, constant_response, plan_response
@@ -32,74 +33,17 @@ from waveformer.simulator.runtime import activate
 from waveformer.simulator.surroundings import Surroundings
 from waveformer.simulator.tessellation import Tessellation
 
-__all__ = ["Box", "FrozenScene", "Sheet", "backproject", "freeze", "project", "simulate", "simulate_drjit"]
-
-
-@dataclass(frozen=True, eq=False)
-class FrozenScene:
-    """The discrete part of a scene, from `freeze`: valid while surfaces and antennas stay near where they were.
-
-    Attributes:
-        faces: of the mesh, without those of zero area, shape (F, 3).
-        targets: pieces of its faces, and what sees them.
-        walls: faces of the box.
-        chirp: the radar's.
-        numerics: kernel settings.
-        belongs_to: what it is valid for, by name.
-    """
-
-    faces: NDArray[np.int64]
-    targets: list[Any]
-    walls: list[Any]
-    chirp: Chirp
-    numerics: Numerics
-    belongs_to: dict[str, Any]
-
-    @property
-    def num_samples(self) -> int:
-        """Surface samples that some antenna sees."""
-        return sum(len(target.pieces) for target in self.targets)
-
-
-def freeze(
-    vertices: torch.Tensor | ArrayLike,
-    faces: torch.Tensor | ArrayLike,
-    chirp: Chirp,
-    tx_m: torch.Tensor | ArrayLike,
-    rx_m: torch.Tensor | ArrayLike | None = None,
-    *,
-    sheets: Sequence[Any] = (),
-    box: Any = None,
-    antenna: Antenna | None = None,
-    mode: str | Numerics = "fast",
-) -> FrozenScene:
-    """Find what is discrete in a scene: pieces of the surface, and which antenna sees which.
-
-    Args:
-        vertices, faces, chirp, tx_m, rx_m, sheets, box, antenna, mode: as in `simulate`.
-
-    Returns:
-        What `simulate(..., frozen=...)` takes: an optimisation freezes anew when things have moved by more than
-        about a wavelength, not at every step.
-
-    Raises:
-        MeshError, RadarError: as `simulate`.
-    """
-    activate()
-    from waveformer.simulator.frozen import freeze_target
-    from waveformer.simulator.frozen_surroundings import freeze_walls
-    from waveformer.simulator.scene import build_scene
-
-    mesh = _mesh(_array("vertices", vertices, 3), _array("faces", faces, 3))
-    aperture = Aperture(_array("tx_m", tx_m, 3), None if rx_m is None else _array("rx_m", rx_m, 3))
-    matter = Matter(None, None, 0.0, _as_tuple(sheets), box)
-    surroundings = matter.surroundings(antenna or Antenna.isotropic(), (0.0, 1.0, 0.0))
-    numerics = _numerics(mode, surroundings)
-    scene = build_scene([(mesh.vertices_m, mesh.faces)])
-    targets = freeze_target(scene, mesh, chirp, aperture, surroundings, numerics)
-    walls = freeze_walls(scene, chirp, aperture, surroundings, numerics)
-    belongs_to = _identity(len(mesh.vertices_m), faces, chirp, aperture, box)
-    return FrozenScene(mesh.faces, targets, walls, chirp, numerics, belongs_to)
+__all__ = [
+    "Box",
+    "FrozenScene",
+    "Sheet",
+    "backproject",
+    "freeze",
+    "project",
+    "rotation_matrix",
+    "simulate",
+    "simulate_drjit",
+]
 
 
 def simulate(
@@ -124,7 +68,8 @@ def simulate(
 ) -> torch.Tensor:
     """Raw FMCW signal of one surface, differentiable with respect to every argument that is a tensor.
 
-    The physics of `waveformer.simulator.simulate`. A rigid pose is composed in front: ``vertices @ rotation.T + shift``.
+    The physics of `waveformer.simulator.simulate`. A rigid pose is composed in front: ``vertices @ rotation.T + shift``,
+    with `rotation_matrix` of this module.
     Visibility and tessellation have no derivative (see the module).
 
     Args:
@@ -143,7 +88,7 @@ def simulate(
         antenna_gain_db: what the gain of each antenna exceeds the pattern's by: h grows by twice as many dB.
         polarization: direction of E at both antennas, shape (3,).
         range_bias_m: added to the round-trip path.
-        mode: "fast", or a Numerics of the fast kernel.
+        mode: "fast", or a Numerics of the fast kernel; a frozen scene keeps that it was frozen with.
         frozen: the discrete part from `freeze`; None finds it for the present values.
 
     Returns:
@@ -159,15 +104,20 @@ def simulate(
         frozen = freeze(
             vertices, faces, chirp, tx_m, rx_m, sheets=sheets, box=box, antenna=antenna, mode=mode
         )
+    instance("chirp", chirp, Chirp)
+    instance("frozen", frozen, FrozenScene)
     corners = _tensor("vertices", vertices)
-    transmitters = _tensor("tx_m", tx_m)
-    receivers = None if rx_m is None else _tensor("rx_m", rx_m)
+    transmitters = _tensor("tx_m", tx_m).to(corners.device)
+    receivers = None if rx_m is None else _tensor("rx_m", rx_m).to(corners.device)
     aperture = Aperture(_host(transmitters), None if receivers is None else _host(receivers))
-    _check_frozen(frozen, corners, faces, chirp, aperture, box)
-    matter = Matter(permittivity, thickness_m, roughness_m, _as_tuple(sheets), box)
+    check_frozen(frozen, len(corners), faces, chirp, aperture, box)
+    matter = Matter(permittivity, thickness_m, roughness_m, as_sheets(sheets), box)
+    material, surroundings = matter.material(), matter.surroundings(antenna, polarization)
+    check_mode(mode, surroundings)
     numbers = list(matter.variables())
-    material = matter.material()
-    surroundings = matter.surroundings(antenna or Antenna.isotropic(), polarization)
+    factor = _scalar("reflectivity", reflectivity, corners, complex_number)
+    gain_db = _scalar("antenna_gain_db", antenna_gain_db, corners)
+    bias_m = _scalar("range_bias_m", range_bias_m, corners).double()
     constant = constant_response(material, surroundings)
     scale = 1j / (4.0 * np.pi) * (1.0 if constant is None else constant)
     h = torch.zeros((len(aperture), chirp.num_samples), dtype=torch.complex64, device=corners.device)
@@ -184,15 +134,13 @@ def simulate(
             )  # fmt: skip
         term = target.surface.echo(placed, chirp, aperture, response, scale)
         h = h + differentiable_echo(term, samples, transmitters, receivers, numbers)
-    h = h * _scalar("reflectivity", reflectivity, h)
+    h = h * factor
     of_walls = [(change, number) for change, number in numbers if change.wall is not None]
     for echo in _surroundings_echoes(frozen, surroundings, aperture, [change for change, _ in of_walls]):
         h = h + differentiable_echo(echo, None, transmitters, receivers, of_walls)
-    gain = 10.0 ** (_scalar("antenna_gain_db", antenna_gain_db, h) / 10.0)
     frequencies = torch.from_numpy(np.array(chirp.frequencies_hz)).to(h.device)
-    bias = _scalar("range_bias_m", range_bias_m, h).double()
-    turn = torch.exp(-2j * torch.pi / SPEED_OF_LIGHT_M_PER_S * frequencies * bias)
-    return (h * gain * turn).to(torch.complex64)
+    turn = torch.exp(-2j * torch.pi / SPEED_OF_LIGHT_M_PER_S * frequencies * bias_m)
+    return (h * 10.0 ** (gain_db / 10.0) * turn).to(torch.complex64)
 
 
 def simulate_drjit(
@@ -202,7 +150,11 @@ def simulate_drjit(
 
     Args:
         vertices, tx_m, rx_m: Dr.Jit tensors (TensorXf) that may carry gradients.
-        faces, chirp, settings: as in `simulate`; numbers among the settings may be Dr.Jit arrays.
+        faces, chirp, settings: as in `simulate`; real numbers among the settings may be Dr.Jit scalars.
+
+    Raises:
+        RadarError: a Dr.Jit setting is no real scalar.
+        MeshError, RadarError, SetupError: as `simulate`.
     """
     activate()
     import drjit as dr
@@ -213,8 +165,19 @@ def simulate_drjit(
         return torch.view_as_real(h)
 
     numbers = {name: value for name, value in settings.items() if dr.is_array_v(value)}
+    for name, value in numbers.items():
+        if dr.is_complex_v(value) or not dr.is_float_v(value) or dr.prod(dr.shape(value)) != 1:
+            raise RadarError(
+                f"{name} must be a real scalar of Dr.Jit, got {shown(value)}: use the form for torch"
+            )
     constants = {name: value for name, value in settings.items() if name not in numbers}
-    return dr.wrap(source="drjit", target="torch")(in_torch)(vertices, tx_m, rx_m, numbers)
+    try:
+        return dr.wrap(source="drjit", target="torch")(in_torch)(vertices, tx_m, rx_m, numbers)
+    except RuntimeError as error:
+        # Dr.Jit hides what a wrapped function raises behind an error of its own
+        if isinstance(error.__cause__, WaveformerError):
+            raise error.__cause__ from None
+        raise
 
 
 def _surroundings_echoes(
@@ -240,6 +203,8 @@ def _samples(vertices: torch.Tensor, frozen: FrozenScene, pieces: Tessellation) 
     u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     cross = torch.linalg.cross(u, v)
     doubled = torch.linalg.vector_norm(cross, dim=1)
+    # a face that collapses has no normal, but no area either: neither may spoil a gradient
+    normals = cross / doubled.clamp(min=1e-30)[:, None]
     products = torch.stack([(u * u).sum(1), (u * v).sum(1), (v * v).sum(1)], dim=1)
     face, barycentric, divisor, form = (
         torch.from_numpy(part).to(vertices.device)
@@ -248,7 +213,7 @@ def _samples(vertices: torch.Tensor, frozen: FrozenScene, pieces: Tessellation) 
     points = corners[:, 0][face] + barycentric[:, :1] * u[face] + barycentric[:, 1:] * v[face]
     area = 0.5 * doubled[face] / divisor
     taper = _taper(frozen) * (form * products[face]).sum(1)
-    return torch.cat([points, (cross / doubled[:, None])[face], area[:, None], taper[:, None]], dim=1)
+    return torch.cat([points, normals[face], area[:, None], taper[:, None]], dim=1)
 
 
 def _taper(frozen: FrozenScene) -> float:
@@ -266,86 +231,22 @@ def _placed(samples: torch.Tensor, frozen: FrozenScene) -> SurfaceSamples:
     return SurfaceSamples(values[:, :3], values[:, 3:6], values[:, 6], spread)
 
 
-def _mesh(vertices: NDArray[np.float64], faces: NDArray[np.float64]) -> SurfaceMesh:
-    """The surface as it was given, faces of zero area left out."""
-    import trimesh
-
-    whole = faces.astype(np.int64)
-    if not (whole == faces).all() or len(faces) == 0 or whole.min() < 0 or whole.max() >= len(vertices):
-        raise MeshError("mesh.index_range", f"faces must be whole numbers from 0 to {len(vertices) - 1}")
-    checked = load_mesh(trimesh.Trimesh(vertices, whole, process=False))
-    edges = vertices[whole[:, 1:]] - vertices[whole[:, :1]]
-    areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-    return SurfaceMesh(vertices, whole[areas > 1e-9 * areas.max()], "vertices", checked.two_sided)
-
-
-def _numerics(mode: str | Numerics, surroundings: Surroundings) -> Numerics:
-    if mode == "fast":
-        plain = surroundings.antenna.is_isotropic and not surroundings.occludes
-        return DIFFERENTIABLE if plain else DIFFERENTIABLE_THROUGH_WALLS
-    if isinstance(mode, Numerics) and not mode.direct:
-        return mode
-    raise RadarError(
-        f"mode of the differentiable model must be 'fast' or a Numerics that is not direct, got {mode!r}"
-    )
-
-
-def _identity(num_vertices: int, faces: Any, chirp: Chirp, aperture: Aperture, box: Any) -> dict[str, Any]:
-    """What a frozen scene is valid for."""
-    return {
-        "chirp": chirp,
-        "antenna pairs": len(aperture),
-        "separate receivers": aperture.rx_m is not None,
-        "vertices": num_vertices,
-        "faces": len(_array("faces", faces, 3)),
-        "box": box is not None,
-    }
-
-
-def _check_frozen(
-    frozen: FrozenScene, vertices: torch.Tensor, faces: Any, chirp: Chirp, aperture: Aperture, box: Any
-) -> None:
-    """Refuse what was frozen for another scene."""
-    given = _identity(len(vertices), faces, chirp, aperture, box)
-    wrong = [name for name, value in given.items() if frozen.belongs_to[name] != value]
-    if wrong:
-        raise RadarError(
-            f"frozen belongs to another scene ({', '.join(wrong)}: {[frozen.belongs_to[name] for name in wrong]}, "
-            f"now {[given[name] for name in wrong]}): freeze the scene anew"
-        )
-
-
-def _as_tuple(sheets: Any) -> tuple[Any, ...]:
-    if isinstance(sheets, str):
-        raise RadarError(f"sheets must be Sheet objects, got {sheets!r}")
-    return tuple(sheets) if isinstance(sheets, Sequence) else (sheets,)
-
-
 def _tensor(name: str, value: Any) -> torch.Tensor:
-    """Coordinates (n, 3) as a tensor."""
-    tensor = value if isinstance(value, torch.Tensor) else torch.tensor(np.asarray(value, dtype=np.float64))
-    if tensor.ndim != 2 or tensor.shape[1] != 3 or not tensor.is_floating_point():
-        raise RadarError(
-            f"{name} must be real numbers of shape (n, 3), got {tensor.dtype} {tuple(tensor.shape)}"
-        )
-    if not bool(torch.isfinite(tensor.detach()).all()):
-        raise RadarError(f"{name} must be finite")
-    return tensor
-
-
-def _array(name: str, value: Any, columns: int) -> NDArray[np.float64]:
-    array = _host(value) if isinstance(value, torch.Tensor) else np.asarray(value, dtype=np.float64)
-    if array.ndim != 2 or array.shape[1] != columns or not np.isfinite(array).all():
-        raise RadarError(f"{name} must be finite numbers of shape (n, {columns}), got {array.shape}")
-    return array
+    """Coordinates (n, 3) as a tensor, a tensor as it is."""
+    checked = coordinates(name, value)
+    return (
+        value if isinstance(value, torch.Tensor) and value.is_floating_point() else torch.from_numpy(checked)
+    )
 
 
 def _host(tensor: torch.Tensor) -> NDArray[np.float64]:
     return np.asarray(tensor.detach().cpu().double().numpy())
 
 
-def _scalar(name: str, value: Any, like: torch.Tensor) -> torch.Tensor:
-    tensor = value if isinstance(value, torch.Tensor) else torch.tensor(value)
-    if tensor.numel() != 1:
-        raise RadarError(f"{name} must be one number, got a tensor of shape {tuple(tensor.shape)}")
+def _scalar(
+    name: str, value: Any, like: torch.Tensor, check: Callable[[str, Any], complex] = real_number
+) -> torch.Tensor:
+    """One number as a scalar tensor on the same device."""
+    plain = check(name, value)
+    tensor = value if isinstance(value, torch.Tensor) else torch.tensor(plain)
     return tensor.to(like.device).reshape(())

@@ -9,6 +9,7 @@ import torch
 from numpy.typing import NDArray
 
 from waveformer.simulator.echo_operator import EchoTerm
+from waveformer.simulator.errors import RadarError
 from waveformer.simulator.response_plan import WallChange
 from waveformer.simulator.tangent_echo import Direction
 
@@ -20,7 +21,9 @@ def differentiable_echo(
     rx_m: torch.Tensor | None,
     matter: list[tuple[WallChange, torch.Tensor]],
 ) -> torch.Tensor:
-    """The value of an echo, complex64 (N, T), that follows what it depends on.
+    """The value of an echo, complex64 (N, T), on the device of the transmitters, that follows what it depends on.
+
+    It has first derivatives only: a backward pass with create_graph raises RadarError.
 
     Args:
         term: the echo at the present values.
@@ -55,6 +58,7 @@ class _Echo(torch.autograd.Function):
     @staticmethod
     def setup_context(ctx: Any, inputs: tuple[Any, ...], output: torch.Tensor) -> None:
         ctx.term, ctx.changes, samples, tx_m, rx_m, *numbers = inputs
+        ctx.device = tx_m.device
         ctx.inputs = [
             None if value is None else (value.dtype, value.device)
             for value in (samples, tx_m, rx_m, *numbers)
@@ -62,6 +66,9 @@ class _Echo(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, gradient: torch.Tensor) -> tuple[Any, ...]:
+        # gradients are only tracked here with create_graph, and what follows leaves torch
+        if torch.is_grad_enabled():
+            raise RadarError("the echo has no second derivatives: call backward without create_graph")
         by_h = gradient.detach().resolve_conj().resolve_neg().cpu().numpy().astype(np.complex64)
         wanted = ctx.needs_input_grad[2:]
         results: list[NDArray[np.float64] | None] = [None] * len(wanted)
@@ -99,9 +106,8 @@ class _Echo(torch.autograd.Function):
                 velocity = _velocity(motion)
                 for axis in np.flatnonzero(velocity.any(axis=0)):
                     parts.append(velocity[:, axis, None] * ctx.term.derivative(moving(int(axis))))
-        device = next(like for like in ctx.inputs if like is not None)[1]
         total = np.sum(parts, axis=0) if parts else np.zeros_like(ctx.term.value())
-        return torch.from_numpy(total.astype(np.complex64)).to(device)
+        return torch.from_numpy(total.astype(np.complex64)).to(ctx.device)
 
 
 def _velocity(tangent: torch.Tensor) -> NDArray[np.float64]:

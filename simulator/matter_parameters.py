@@ -13,6 +13,7 @@ import torch
 
 from waveformer.simulator import occluders
 from waveformer.simulator.antenna import Antenna
+from waveformer.simulator.arguments import complex_number, follows, real_number, shown
 from waveformer.simulator.errors import RadarError
 from waveformer.simulator.materials import Material
 from waveformer.simulator.permittivity import Permittivity, lookup_permittivity
@@ -73,10 +74,17 @@ class Matter:
     sheets: Sequence[Sheet | occluders.Sheet]
     box: Box | occluders.Box | None
 
+    def __post_init__(self) -> None:
+        for sheet in self.sheets:
+            if not isinstance(sheet, Sheet | occluders.Sheet):
+                raise RadarError(f"sheets must be Sheet objects, got {shown(sheet)}")
+        if not isinstance(self.box, Box | occluders.Box | None):
+            raise RadarError(f"box must be a Box or None, got {shown(self.box)}")
+
     def variables(self) -> Iterator[tuple[WallChange, torch.Tensor]]:
         """Every number that requires a gradient, as a real scalar tensor."""
         yield from _variables(None, self.permittivity, self.thickness_m)
-        if isinstance(self.roughness_m, torch.Tensor) and _follows(self.roughness_m):
+        if isinstance(self.roughness_m, torch.Tensor) and follows(self.roughness_m):
             yield WallChange(None, "roughness"), self.roughness_m.reshape(())
         walls = [*self.sheets, *([] if self.box is None else [self.box])]
         for index, wall in enumerate(walls):
@@ -84,8 +92,8 @@ class Matter:
 
     def material(self) -> Material:
         """The target's material at the present values."""
-        thickness_m = None if self.thickness_m is None else _number("thickness_m", self.thickness_m)
-        roughness_m = _number("roughness_m", self.roughness_m)
+        thickness_m = None if self.thickness_m is None else real_number("thickness_m", self.thickness_m)
+        roughness_m = real_number("roughness_m", self.roughness_m)
         if self.permittivity is None:
             if thickness_m is not None:
                 raise RadarError("thickness_m needs a permittivity: a perfect conductor has no thickness")
@@ -93,15 +101,15 @@ class Matter:
         name, permittivity = _permittivity(self.permittivity)
         return Material(name, permittivity, thickness_m, roughness_m)
 
-    def surroundings(self, antenna: Antenna, polarization: Any) -> Surroundings:
-        """Antennas and occluders at the present values."""
+    def surroundings(self, antenna: Antenna | None, polarization: Any) -> Surroundings:
+        """Antennas and occluders at the present values; no antenna means isotropic with 0 dBi."""
         sheets = [
             sheet
             if isinstance(sheet, occluders.Sheet)
             else occluders.Sheet(
                 sheet.point_m,
                 sheet.normal,
-                _number("sheet thickness_m", sheet.thickness_m),
+                real_number("sheet thickness_m", sheet.thickness_m),
                 _plain(sheet.permittivity),
                 sheet.echo,
             )
@@ -109,9 +117,14 @@ class Matter:
         ]
         box = self.box
         if isinstance(box, Box):
-            thickness_m = _number("box thickness_m", box.thickness_m)
+            thickness_m = real_number("box thickness_m", box.thickness_m)
             box = occluders.Box(box.min_m, box.max_m, thickness_m, _plain(box.permittivity))
-        return Surroundings(antenna, sheets, box, polarization)
+        return Surroundings(Antenna.isotropic() if antenna is None else antenna, sheets, box, polarization)
+
+
+def as_sheets(sheets: Any) -> tuple[Any, ...]:
+    """One sheet or a sequence of them as a tuple."""
+    return tuple(sheets) if isinstance(sheets, Sequence) and not isinstance(sheets, str) else (sheets,)
 
 
 def changed(
@@ -186,30 +199,12 @@ def _variables(
 
 
 def _is_variable(value: Any) -> bool:
-    return isinstance(value, torch.Tensor) and _follows(value)
-
-
-def _follows(value: torch.Tensor) -> bool:
-    """Whether a tensor carries a derivative, backwards or forwards."""
-    dual: Any = torch.autograd.forward_ad.unpack_dual(value)  # type: ignore[no-untyped-call]
-    return value.requires_grad or dual.tangent is not None
-
-
-def _number(name: str, value: Any) -> float:
-    if isinstance(value, torch.Tensor):
-        if value.numel() != 1 or value.is_complex():
-            raise RadarError(f"{name} must be one real number, got a tensor of shape {tuple(value.shape)}")
-        return float(value.detach())
-    return float(value)
+    return isinstance(value, torch.Tensor) and follows(value)
 
 
 def _plain(value: Any) -> complex | str:
     """A permittivity as `waveformer.simulator` takes it."""
-    if isinstance(value, torch.Tensor):
-        if value.numel() != 1:
-            raise RadarError(f"permittivity must be one number, got a tensor of shape {tuple(value.shape)}")
-        return complex(value.detach().resolve_conj().item())
-    return value if isinstance(value, str) else complex(value)
+    return value if isinstance(value, str) else complex_number("permittivity", value)
 
 
 def _permittivity(value: Any) -> tuple[str, Permittivity]:

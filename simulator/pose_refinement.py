@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from waveformer.simulator.differentiable import freeze, simulate
+from waveformer.simulator.differentiable import freeze, rotation_matrix, simulate
 from waveformer.simulator.least_squares import Stage, fit
 from waveformer.simulator.numerics import FAST
 from waveformer.simulator.pose_body import Body
@@ -48,7 +48,7 @@ def refine(
             center: torch.Tensor = center,
             frozen: Any = frozen,
         ) -> torch.Tensor:
-            vertices = around @ _rotation(motion[3:]).T + center + motion[:3]
+            vertices = around @ rotation_matrix(motion[3:]).T + center + motion[:3]
             return simulate(vertices, body.mesh.faces, chirp, tx_m, frozen=frozen)
 
         found = fit(model, measured, torch.zeros(6, dtype=torch.float64), _SCALES, [Stage(max_iterations=1)])
@@ -58,12 +58,3 @@ def refine(
         if shift_m < _SETTLED_M and turn_deg < _SETTLED_DEG:
             break
     return pose, misfit
-
-
-def _rotation(turn_rad: torch.Tensor) -> torch.Tensor:
-    """Rotation (3, 3) by a rotation vector, differentiable at zero, too."""
-    zero = torch.zeros((), dtype=turn_rad.dtype)
-    x, y, z = turn_rad
-    cross = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero]).reshape(3, 3)
-    rotation: torch.Tensor = torch.linalg.matrix_exp(cross)
-    return rotation
