@@ -15,6 +15,7 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 
 from waveformer.simulator import imaging
+from waveformer.simulator.arguments import constant, instance, real_number
 from waveformer.simulator.errors import RadarError
 from waveformer.simulator.grid import Grid
 from waveformer.simulator.measurement import Measurement
@@ -49,8 +50,10 @@ def backproject(
             makes no sense or requires a gradient; in the backward pass: the gradient holds non-finite values.
         SetupError: Mitsuba or its LLVM library is missing or broken.
     """
+    instance("chirp", chirp, Chirp)
+    instance("grid", grid, Grid)
     aperture = _aperture(tx_m, rx_m)
-    bias_m = _constant("range_bias_m", range_bias_m)
+    bias_m = real_number("range_bias_m", constant("range_bias_m", range_bias_m))
     _check("h", h, (len(aperture), chirp.num_samples))
 
     def image_of(samples: NDArray[np.complex64]) -> NDArray[np.complex64]:
@@ -86,6 +89,8 @@ def project(
             sense or requires a gradient; in the backward pass: the gradient holds non-finite values.
         SetupError: Mitsuba or its LLVM library is missing or broken.
     """
+    instance("chirp", chirp, Chirp)
+    instance("grid", grid, Grid)
     aperture = _aperture(tx_m, rx_m)
     _check("image", image, grid.shape)
 
@@ -114,6 +119,10 @@ class _Linear(torch.autograd.Function):
             raise RadarError("the gradient that reaches the image operator holds non-finite values")
         return _apply(gradient, ctx.adjoint_map, ctx.forward_map), None, None
 
+    @staticmethod
+    def jvp(ctx: Any, *tangents: Any) -> torch.Tensor:
+        return _apply(tangents[0], ctx.forward_map, ctx.adjoint_map)
+
 
 def _apply(values: torch.Tensor, forward: _Map, adjoint: _Map) -> torch.Tensor:
     on_host = values.to("cpu", torch.complex64)
@@ -128,18 +137,12 @@ def _check(name: str, values: torch.Tensor, shape: tuple[int, ...]) -> None:
         raise RadarError(f"{name} must be complex, got {values.dtype}")
     if tuple(values.shape) != shape:
         raise RadarError(f"{name} must have shape {shape}, got {tuple(values.shape)}")
-    if not values.isfinite().all():
-        raise RadarError(f"{name} holds non-finite values")
+    bad = int((~values.isfinite()).sum())
+    if bad:
+        raise RadarError(
+            f"{name} holds {bad} values that are NaN or infinite, of {values.numel()}: set them to zero"
+        )
 
 
 def _aperture(tx_m: ArrayLike | torch.Tensor, rx_m: ArrayLike | torch.Tensor | None) -> Aperture:
-    return Aperture(_constant("tx_m", tx_m), None if rx_m is None else _constant("rx_m", rx_m))
-
-
-def _constant(name: str, value: Any) -> Any:
-    """The value without torch; a gradient that would be lost is refused."""
-    if not isinstance(value, torch.Tensor):
-        return value
-    if value.requires_grad:
-        raise RadarError(f"{name} requires a gradient, but imaging has none for it: pass {name}.detach()")
-    return value.cpu().numpy()
+    return Aperture(constant("tx_m", tx_m), None if rx_m is None else constant("rx_m", rx_m))

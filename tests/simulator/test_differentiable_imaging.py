@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from torch.autograd import forward_ad
 
 from waveformer.simulator import imaging
 from waveformer.simulator.differentiable_imaging import backproject, project
@@ -177,7 +178,10 @@ def test_gradients_have_the_type_of_the_input(rng: np.random.Generator) -> None:
         (np.zeros(SHAPE, np.complex64), "h must be a torch tensor, got ndarray"),
         (torch.zeros(SHAPE), "h must be complex, got torch.float32"),
         (torch.zeros(SHAPE[::-1], dtype=torch.complex64), r"h must have shape \(20, 16\), got \(16, 20\)"),
-        (torch.full(SHAPE, torch.nan, dtype=torch.complex64), "h holds non-finite values"),
+        (
+            torch.full(SHAPE, torch.nan, dtype=torch.complex64),
+            "h holds 320 values that are NaN or infinite, of 320: set them to zero",
+        ),
     ],
 )
 def test_what_is_no_scan_is_refused(h: Any, message: str) -> None:
@@ -190,7 +194,10 @@ def test_what_is_no_scan_is_refused(h: Any, message: str) -> None:
     [
         (torch.zeros(GRID.shape), "image must be complex"),
         (torch.zeros((2, 2, 2), dtype=torch.complex64), "image must have shape"),
-        (torch.full(GRID.shape, torch.inf, dtype=torch.complex64), "image holds non-finite values"),
+        (
+            torch.full(GRID.shape, torch.inf, dtype=torch.complex64),
+            "image holds [0-9]+ values that are NaN or infinite",
+        ),
     ],
 )
 def test_what_is_no_image_is_refused(image: torch.Tensor, message: str) -> None:
@@ -208,10 +215,38 @@ def test_a_gradient_that_would_be_lost_is_refused(rng: np.random.Generator) -> N
         backproject(h, CHIRP, PLANE.tx_m, GRID, range_bias_m=torch.tensor(0.1, requires_grad=True))
 
 
-@pytest.mark.parametrize("bias_m", [float("nan"), float("inf")])
-def test_a_range_bias_must_be_finite(rng: np.random.Generator, bias_m: float) -> None:
-    with pytest.raises(RadarError, match="range_bias_m must be finite"):
-        backproject(noise(rng, *SHAPE), CHIRP, PLANE.tx_m, GRID, range_bias_m=bias_m)
+def test_a_forward_derivative_is_linear_and_that_of_a_position_is_refused(rng: np.random.Generator) -> None:
+    h, motion = noise(rng, *SHAPE), noise(rng, *SHAPE)
+    tx_m = torch.from_numpy(PLANE.tx_m.copy())
+    with forward_ad.dual_level():
+        image = backproject(forward_ad.make_dual(h, motion), CHIRP, PLANE.tx_m, GRID)
+        moved = forward_ad.unpack_dual(image).tangent
+        scan = forward_ad.unpack_dual(project(image, GRID, CHIRP, PLANE.tx_m)).tangent
+        with pytest.raises(RadarError, match="tx_m requires a gradient"):
+            backproject(h, CHIRP, forward_ad.make_dual(tx_m, torch.ones_like(tx_m)), GRID)
+    assert torch.equal(moved, backproject(motion, CHIRP, PLANE.tx_m, GRID))
+    assert torch.equal(scan, project(moved, GRID, CHIRP, PLANE.tx_m))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"range_bias_m": float("nan")}, "range_bias_m must be one real number, finite, got nan"),
+        ({"range_bias_m": float("inf")}, "range_bias_m must be one real number, finite, got inf"),
+        ({"range_bias_m": "x"}, "range_bias_m must be one real number, finite, got 'x'"),
+        ({"grid": None}, "grid must be a Grid, got None"),
+        ({"chirp": None}, "chirp must be a Chirp, got None"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused(
+    rng: np.random.Generator, changes: dict[str, Any], message: str
+) -> None:
+    scan = {"chirp": CHIRP, "tx_m": PLANE.tx_m, "grid": GRID}
+    with pytest.raises(RadarError, match=f"^{message}$"):
+        backproject(noise(rng, *SHAPE), **(scan | changes))
+    if "range_bias_m" not in changes:
+        with pytest.raises(RadarError, match=f"^{message}$"):
+            project(torch.zeros(GRID.shape, dtype=torch.complex64), **(scan | changes))
 
 
 def test_a_broken_gradient_is_named(rng: np.random.Generator) -> None:
