@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from waveformer.simulator.arguments import real_number
 from waveformer.simulator.errors import RadarError
 from waveformer.simulator.front_end_streams import generator
 from waveformer.simulator.pose_stages import ACCEPTED_MISFIT, PoseStages, Reached
@@ -97,9 +98,10 @@ def recover_pose(
     """
     started = time.perf_counter()
     stages = PoseStages.of(h, mesh_vertices, faces, chirp, tx_m, start_pose)
-    if not (np.isfinite([search_m, search_deg]).all() and search_m > 0 and search_deg > 0):
-        raise RadarError(f"search_m and search_deg must be positive, got {search_m!r} and {search_deg!r}")
-    deviations = np.array(3 * [search_m] + 3 * [np.radians(search_deg)])
+    shift_m, turn_deg = real_number("search_m", search_m), real_number("search_deg", search_deg)
+    if not (shift_m > 0 and turn_deg > 0):
+        raise RadarError(f"search_m and search_deg must be positive, got {shift_m:g} and {turn_deg:g}")
+    deviations = np.array(3 * [shift_m] + 3 * [np.radians(turn_deg)])
     tell = progress or (lambda line: None)
     runs: list[list[Reached]] = []
     agreed = False

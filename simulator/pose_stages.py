@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from waveformer.simulator.aperture_grid import ApertureGrid
 from waveformer.simulator.aperture_power import AperturePower
+from waveformer.simulator.arguments import constant, coordinates, instance, samples, triangles
 from waveformer.simulator.errors import RadarError
 from waveformer.simulator.mesh import load_mesh
 from waveformer.simulator.placement import place_target
@@ -85,20 +86,15 @@ class PoseStages:
         """Checks all arguments but those of the search."""
         import trimesh
 
-        aperture = Aperture(tx_m)
-        signal = np.asarray(h)
-        if signal.shape != (len(aperture), chirp.num_samples) or not np.isfinite(signal).all():
-            raise RadarError(
-                f"h must be finite numbers of shape (positions, samples) = {(len(aperture), chirp.num_samples)}, "
-                f"got {signal.shape}"
-            )
-        if not signal.any():
-            raise RadarError("h is zero everywhere: there is nothing to fit")
+        instance("chirp", chirp, Chirp)
+        aperture = Aperture(coordinates("tx_m", constant("tx_m", tx_m)))
+        signal = samples("h", h, (len(aperture), chirp.num_samples))
+        corners = triangles(vertices, faces)
         activate()
         from waveformer.simulator.pose_body import Body
 
-        mesh = load_mesh(trimesh.Trimesh(np.asarray(vertices), np.asarray(faces), process=False))
-        place_target(Target(mesh, pose=np.asarray(start_pose)), None, chirp, aperture)
+        mesh = load_mesh(trimesh.Trimesh(*corners, process=False))
+        place_target(Target(mesh, pose=start_pose), None, chirp, aperture)
         body = Body(mesh, SPEED_OF_LIGHT_M_PER_S / chirp.center_hz)
         return cls(signal, body, chirp, aperture.tx_m, RigidPose.of(start_pose, body.middle_m))
 
