@@ -81,6 +81,17 @@ def test_a_plane_does_not_slide(rng):
     assert alignment.rotation_deg < 1e-6
 
 
+def test_noise_does_not_make_a_plane_slide(rng):
+    xy = rng.uniform(-0.05, 0.05, (4000, 2))
+    normals = np.pad(0.01 * rng.normal(size=(4000, 2)), ((0, 0), (0, 1)), constant_values=1.0)
+    plane = TruthCloud(np.pad(xy, ((0, 0), (0, 1))), normals)
+    patch = np.concatenate([rng.uniform(0, 0.02, (300, 2)), 0.004 + 5e-4 * rng.normal(size=(300, 1))], axis=1)
+    alignment = align_by_icp(patch, plane)
+    # Free to slide, it would go 0.5 mm / (0.01 sqrt(300)) = 3 mm. Left is 4 mm times the mean tilt.
+    moved_m = alignment.apply(patch).mean(axis=0) - patch.mean(axis=0)
+    assert np.linalg.norm(moved_m[:2]) < 1e-4
+
+
 def test_nothing_is_left_alone(truth):
     assert np.array_equal(align_by_icp([], truth).transform, np.eye(4))
 

@@ -118,7 +118,7 @@ def test_nothing_scores_nothing():
 def test_many_points_are_thinned_evenly_few_are_left():
     truth = TruthCloud(sphere(4000))
     # 17,000 points crowd one spot, 1,000 cover the rest: what is left covers as before.
-    crowd = np.concatenate([sphere(1000), [0, 0, 1] + 1e-4 * sphere(17_000)])
+    crowd = np.concatenate([[0, 0, 1] + 1e-4 * sphere(17_000), sphere(1000)])
     score = score_reconstruction(crowd, truth)
     assert score.num_points == MAX_POINTS
     assert score.recall == score_reconstruction(sphere(1000), truth).recall == 1
