@@ -33,9 +33,19 @@ def instance(name: str, value: Any, kind: type[Kind]) -> Kind:
     return value
 
 
+def as_array(value: Any) -> NDArray[Any] | None:
+    """The value as a NumPy array, without gradient; None for what is none, such as ragged lists."""
+    try:
+        if hasattr(value, "detach"):
+            value = value.detach().cpu().resolve_conj().resolve_neg().numpy()
+        return np.asarray(value)
+    except (TypeError, ValueError, RuntimeError):
+        return None
+
+
 def coordinates(name: str, value: Any) -> NDArray[np.float64]:
     """Finite real numbers (n, 3), n >= 1, without gradient; RadarError otherwise."""
-    array = _on_host(value)
+    array = as_array(value)
     if (
         array is None
         or array.dtype.kind not in "iuf"
@@ -72,7 +82,7 @@ def triangles(vertices: Any, faces: Any) -> tuple[NDArray[np.float64], NDArray[n
 
 def samples(name: str, value: Any, shape: tuple[int, int]) -> NDArray[Any]:
     """Finite complex signal (N, T), not zero everywhere; RadarError otherwise."""
-    array = _on_host(value)
+    array = as_array(value)
     if array is None or array.dtype.kind not in "iufc" or array.shape != shape:
         raise RadarError(
             f"{name} must be complex numbers of shape (positions, samples) = {shape}, got {shown(value)}"
@@ -117,7 +127,7 @@ def constant(name: str, value: Any) -> Any:
         return value
     if follows(value):
         raise RadarError(f"{name} requires a gradient, but there is none for it: pass {name}.detach()")
-    return _on_host(value)
+    return as_array(value)
 
 
 def _number(value: Any) -> NDArray[Any] | None:
@@ -127,17 +137,7 @@ def _number(value: Any) -> NDArray[Any] | None:
         is_tensor or isinstance(value, int | float | complex | np.generic | np.ndarray)
     ):
         return None
-    array = _on_host(value)
+    array = as_array(value)
     if array is None or array.size != 1 or array.dtype.kind not in "iufc" or not np.isfinite(array).all():
         return None
     return array.reshape(())
-
-
-def _on_host(value: Any) -> NDArray[Any] | None:
-    """As an array; None for what is none, such as ragged lists."""
-    try:
-        if hasattr(value, "detach"):
-            value = value.detach().cpu().resolve_conj().resolve_neg().numpy()
-        return np.asarray(value)
-    except (TypeError, ValueError, RuntimeError):
-        return None

@@ -1,8 +1,9 @@
 """A radar measured by a known object: range bias, gain, and how far each raster row was off in depth.
 
 The phase of a whole row tells its depth to micrometres but only modulo half a wavelength; the envelope over the band
-tells the bias without that ambiguity but coarsely. So the bias comes from the envelopes of all rows first, then rows
-are placed within half a wavelength of it, then all is refined together with the derivatives of the forward model.
+tells the bias without that ambiguity but coarsely. So the bias comes from the envelopes of all rows first, then
+what the phases of all rows share refines it and what they do not share places the rows, then all is refined together
+with the derivatives of the forward model.
 """
 
 from __future__ import annotations
@@ -13,9 +14,10 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from torch.autograd import forward_ad
 
+from waveformer.simulator.arguments import as_array, coordinates, instance, real_number, samples, shown
 from waveformer.simulator.differentiable import freeze, simulate
 from waveformer.simulator.errors import RadarError
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Chirp
@@ -26,6 +28,8 @@ DepthModel = Callable[[NDArray[np.float64]], tuple[NDArray[np.complex64], NDArra
 _ROUNDS = 4
 # The envelope is searched this far, in steps of a tenth of what the band resolves.
 _ENVELOPE_STEPS = 0.1
+# Settings of the forward model that decide what is frozen.
+_DISCRETE = ("sheets", "box", "antenna", "mode")
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,12 +52,12 @@ class Calibration:
 
 
 def calibrate(
-    h: NDArray[np.complex64],
-    rows: NDArray[np.intp],
+    h: ArrayLike,
+    rows: ArrayLike,
     chirp: Chirp,
     model: DepthModel,
     *,
-    row_deviation_m: float = 1e-3,
+    row_deviation_m: float = 3e-4,
     largest_bias_m: float = 0.1,
 ) -> Calibration:
     """Range bias, gain and row depths from one scan.
@@ -65,28 +69,45 @@ def calibrate(
         rows: number of the raster row of every pair (N,), from `front_end_positions.raster_rows`.
         chirp: T samples.
         model: the known object seen from displaced antennas, such as `depth_model`.
-        row_deviation_m: standard deviation of the rows that is expected.
+        row_deviation_m: standard deviation of the rows that is expected, up to a twelfth of a wavelength: three of
+            them are where the phase of a row gets ambiguous.
         largest_bias_m: the bias is searched up to here, either way.
 
     Raises:
-        RadarError: shapes do not fit.
+        RadarError: shapes do not fit, numbers make no sense, rows are missing, or the signal is not that of the model.
     """
-    if h.shape != (len(rows), chirp.num_samples):
+    instance("chirp", chirp, Chirp)
+    row_of_pair = _checked_rows(rows)
+    signal = samples("h", h, (len(row_of_pair), chirp.num_samples))
+    deviation_m, reach_m = (
+        real_number(name, value)
+        for name, value in (("row_deviation_m", row_deviation_m), ("largest_bias_m", largest_bias_m))
+    )
+    wavelength_m = SPEED_OF_LIGHT_M_PER_S / chirp.center_hz
+    if not 0.0 < deviation_m <= wavelength_m / 12.0:
         raise RadarError(
-            f"h of shape {h.shape} does not fit {len(rows)} pairs and {chirp.num_samples} samples"
+            f"row_deviation_m must lie in 0 .. {wavelength_m / 12.0:.3g} m, a twelfth of a wavelength, got "
+            f"{deviation_m:g}: rows more than a quarter of a wavelength off look like others"
         )
-    count = int(rows.max()) + 1
-    echo, slope = model(np.zeros(len(rows)))
-    bias = _envelope_bias(h, echo, rows, count, chirp, largest_bias_m)
-    depths = _phase_depths(h, echo, slope, rows, count, chirp, bias)
-    # the phase of all rows together belongs to the bias
-    gain = 1.0
+    if not reach_m > 0.0:
+        raise RadarError(f"largest_bias_m must be positive, got {reach_m:g}")
+    count = int(row_of_pair.max()) + 1
+    echo, slope = model(np.zeros(len(row_of_pair)))
+    products = _row_products(signal, echo, row_of_pair, count)
+    bias_m = _envelope_bias(products, chirp, reach_m)
+    power = _row_products(echo, echo, row_of_pair, count).sum(axis=1).real
+    if not power.all():
+        raise RadarError(f"row {power.argmin()} does not see the known object: leave its pairs out")
+    rate = _row_products(slope, echo, row_of_pair, count).sum(axis=1).imag / power
+    bias_m, depths_m = _by_phase(products, rate, chirp, bias_m)
     for _ in range(_ROUNDS):
-        echo, slope = model(depths[rows])
-        bias, gain, depths, misfit, deviations = _refined(
-            h, echo, slope, rows, chirp, bias, gain, depths, row_deviation_m
-        )
-    return Calibration(bias, float(10.0 * np.log10(gain)), depths, misfit, deviations)
+        at = _Linearised.of(signal, *model(depths_m[row_of_pair]), row_of_pair, chirp, bias_m)
+        step = np.linalg.solve(*at.normal_equations(depths_m, deviation_m))
+        bias_m, depths_m = bias_m + step[0], depths_m + step[2:]
+    at = _Linearised.of(signal, *model(depths_m[row_of_pair]), row_of_pair, chirp, bias_m)
+    normal, _ = at.normal_equations(depths_m, deviation_m)
+    deviations = np.sqrt(at.noise * np.diag(np.linalg.inv(normal)))[[0, *range(2, 2 + count)]]
+    return Calibration(float(bias_m), float(10.0 * np.log10(at.gain)), depths_m, at.misfit, deviations)
 
 
 def depth_model(
@@ -99,25 +120,27 @@ def depth_model(
 ) -> DepthModel:
     """A known object for `calibrate`: its echo and the derivative by a common rise of all antennas.
 
-    Arguments as in `differentiable.simulate`.
+    Arguments as in `differentiable.simulate`. Gradients of tensors among them are left out.
     """
-    frozen = freeze(vertices, faces, chirp, tx_m, rx_m)
-    rise = torch.zeros((len(tx_m), 3), dtype=torch.float64)
+    discrete = {name: settings.pop(name) for name in _DISCRETE if name in settings}
+    corners, transmitters = coordinates("vertices", vertices), coordinates("tx_m", tx_m)
+    receivers = None if rx_m is None else coordinates("rx_m", rx_m)
+    frozen = freeze(corners, faces, chirp, transmitters, receivers, **discrete)
+    rise = torch.zeros((len(transmitters), 3), dtype=torch.float64)
     rise[:, 2] = 1.0
+
+    def rising(side: NDArray[np.float64], depths_m: NDArray[np.float64]) -> torch.Tensor:
+        places = torch.from_numpy(side + depths_m[:, None] * [0.0, 0.0, 1.0])
+        dual: torch.Tensor = forward_ad.make_dual(places, rise)  # type: ignore[no-untyped-call]
+        return dual
 
     def model(depths_m: NDArray[np.float64]) -> tuple[NDArray[np.complex64], NDArray[np.complex64]]:
         with forward_ad.dual_level():
-            sides: list[Any] = [
-                None
-                if side is None
-                else forward_ad.make_dual(  # type: ignore[no-untyped-call]
-                    torch.from_numpy(side + depths_m[:, None] * [0.0, 0.0, 1.0]), rise
-                )
-                for side in (tx_m, rx_m)
-            ]
-            h = simulate(vertices, faces, chirp, sides[0], sides[1], frozen=frozen, **settings)
+            tx = rising(transmitters, depths_m)
+            rx = None if receivers is None else rising(receivers, depths_m)
+            h = simulate(corners, faces, chirp, tx, rx, frozen=frozen, **discrete, **settings)
             both: Any = forward_ad.unpack_dual(h)  # type: ignore[no-untyped-call]
-            return both.primal.numpy(), both.tangent.numpy()
+            return both.primal.detach().numpy(), both.tangent.detach().numpy()
 
     return model
 
@@ -127,8 +150,22 @@ def _turn(chirp: Chirp, path_m: float) -> NDArray[np.complex128]:
     return np.asarray(np.exp(-2j * np.pi * chirp.frequencies_hz / SPEED_OF_LIGHT_M_PER_S * path_m))
 
 
+def _checked_rows(rows: ArrayLike) -> NDArray[np.intp]:
+    """Row numbers (N,), none of 0 .. R - 1 missing."""
+    array = as_array(rows)
+    if array is None or array.ndim != 1 or array.dtype.kind not in "iu" or len(array) == 0 or array.min() < 0:
+        raise RadarError(f"rows must be whole numbers from 0, shape (N,), got {shown(rows)}")
+    missing = np.setdiff1d(np.arange(array.max() + 1), array)
+    if len(missing):
+        raise RadarError(
+            f"rows must number all rows from 0 to {array.max()}, but {len(missing)} of them, such as {missing[0]}, "
+            "have no pair: number them anew"
+        )
+    return array.astype(np.intp)
+
+
 def _row_products(
-    h: NDArray[np.complex64], echo: NDArray[np.complex64], rows: NDArray[np.intp], count: int
+    h: NDArray[Any], echo: NDArray[Any], rows: NDArray[np.intp], count: int
 ) -> NDArray[np.complex128]:
     """Sum over the pairs of a row of h conj(echo), shape (R, T)."""
     products = np.zeros((count, h.shape[1]), dtype=np.complex128)
@@ -136,16 +173,8 @@ def _row_products(
     return products
 
 
-def _envelope_bias(
-    h: NDArray[np.complex64],
-    echo: NDArray[np.complex64],
-    rows: NDArray[np.intp],
-    count: int,
-    chirp: Chirp,
-    largest_m: float,
-) -> float:
-    """The bias at which the rows' correlations over the band are largest, whatever their phase."""
-    products = _row_products(h, echo, rows, count)
+def _envelope_bias(products: NDArray[np.complex128], chirp: Chirp, largest_m: float) -> float:
+    """The bias at which the rows' correlations (R, T) over the band are largest, whatever their phase."""
     step = _ENVELOPE_STEPS * SPEED_OF_LIGHT_M_PER_S / chirp.bandwidth_hz
     offsets = chirp.frequencies_hz - chirp.center_hz
 
@@ -160,67 +189,85 @@ def _envelope_bias(
     return best
 
 
-def _phase_depths(
-    h: NDArray[np.complex64],
-    echo: NDArray[np.complex64],
-    slope: NDArray[np.complex64],
-    rows: NDArray[np.intp],
-    count: int,
-    chirp: Chirp,
-    bias_m: float,
-) -> NDArray[np.float64]:
-    """Depth of every row from the phase that is left after the bias, within a quarter of a wavelength of zero."""
-    phase = np.angle(_row_products(h, echo, rows, count) @ _turn(chirp, bias_m).conj())
-    # radians a metre of depth, from the model itself
-    rate = (_row_products(slope, echo, rows, count).sum(axis=1)).imag
-    rate /= _row_products(echo, echo, rows, count).sum(axis=1).real
-    return np.asarray(phase / rate)
+def _by_phase(
+    products: NDArray[np.complex128], rate: NDArray[np.float64], chirp: Chirp, bias_m: float
+) -> tuple[float, NDArray[np.float64]]:
+    """Bias and depths of the rows from the phases that the bias of the envelopes leaves.
+
+    What all rows share belongs to the bias; the rest, within a quarter of a wavelength of zero, to the rows.
+
+    Args:
+        products: of signal and echo, by row, (R, T).
+        rate: radians a metre of depth, from the model itself, (R,).
+        chirp: T samples.
+        bias_m: from the envelopes.
+    """
+    turns = np.exp(1j * np.angle(products @ _turn(chirp, bias_m).conj()))
+    common = turns.sum()
+    wavenumber = 2.0 * np.pi * chirp.center_hz / SPEED_OF_LIGHT_M_PER_S
+    depths_m = np.angle(turns * common.conj()) / rate
+    return bias_m - float(np.angle(common)) / wavenumber, depths_m
 
 
-def _refined(
-    h: NDArray[np.complex64],
-    echo: NDArray[np.complex64],
-    slope: NDArray[np.complex64],
-    rows: NDArray[np.intp],
-    chirp: Chirp,
-    bias_m: float,
-    gain: float,
-    depths_m: NDArray[np.float64],
-    row_deviation_m: float,
-) -> tuple[float, float, NDArray[np.float64], float, NDArray[np.float64]]:
-    """One Gauss-Newton step for bias, logarithm of the amplitude, and rows: rows do not mix, so sums by row do."""
-    count = len(depths_m)
-    turn = _turn(chirp, bias_m)
-    bare = echo * turn
-    # the best real gain in closed form
-    gain = float((bare.conj() * h).real.sum() / (np.abs(bare) ** 2).sum())
-    signal, by_depth = gain * bare, gain * slope * turn
-    by_bias = -2j * np.pi * chirp.frequencies_hz / SPEED_OF_LIGHT_M_PER_S * signal
-    residual = h - signal
-    misfit = float((np.abs(residual) ** 2).sum() / (np.abs(h) ** 2).sum())
-    noise = float((np.abs(residual) ** 2).sum()) / (2 * residual.size)
+@dataclass(frozen=True, eq=False)
+class _Linearised:
+    """Residual and derivatives at present values, the gain the best real one in closed form."""
 
-    def inner(one: NDArray[np.complex128], other: NDArray[np.complex128]) -> NDArray[np.float64]:
+    residual: NDArray[np.complex128]
+    by_bias: NDArray[np.complex128]
+    by_log_gain: NDArray[np.complex128]
+    by_depth: NDArray[np.complex128]
+    rows: NDArray[np.intp]
+    gain: float
+    misfit: float
+
+    @classmethod
+    def of(
+        cls,
+        h: NDArray[Any],
+        echo: NDArray[np.complex64],
+        slope: NDArray[np.complex64],
+        rows: NDArray[np.intp],
+        chirp: Chirp,
+        bias_m: float,
+    ) -> _Linearised:
+        turn = _turn(chirp, bias_m)
+        bare = echo * turn
+        gain = float((bare.conj() * h).real.sum() / (np.abs(bare) ** 2).sum())
+        if not gain > 0.0:
+            raise RadarError("h does not follow the model: is it a scan of this object, with these rows?")
+        signal = gain * bare
+        residual = h - signal
+        by_bias = -2j * np.pi * chirp.frequencies_hz / SPEED_OF_LIGHT_M_PER_S * signal
+        misfit = float((np.abs(residual) ** 2).sum() / (np.abs(h) ** 2).sum())
+        return cls(residual, by_bias, signal, gain * slope * turn, rows, gain, misfit)
+
+    @property
+    def noise(self) -> float:
+        """Variance of the real and of the imaginary part of the residual."""
+        return float((np.abs(self.residual) ** 2).sum()) / (2 * self.residual.size)
+
+    def normal_equations(
+        self, depths_m: NDArray[np.float64], row_deviation_m: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """For bias, logarithm of the gain, and rows: rows do not mix, so sums by row do."""
+        count = len(depths_m)
+        normal, right = np.zeros((2 + count, 2 + count)), np.zeros(2 + count)
+        common = (self.by_bias, self.by_log_gain)
+        for i, one in enumerate(common):
+            right[i] = self._inner(one, self.residual, count).sum()
+            for j, other in enumerate(common):
+                normal[i, j] = self._inner(one, other, count).sum()
+            normal[i, 2:] = normal[2:, i] = self._inner(one, self.by_depth, count)
+        precision = self.noise / row_deviation_m**2
+        diagonal = range(2, 2 + count)
+        normal[diagonal, diagonal] = self._inner(self.by_depth, self.by_depth, count) + precision
+        right[2:] = self._inner(self.by_depth, self.residual, count) - precision * depths_m
+        return normal, right
+
+    def _inner(
+        self, one: NDArray[np.complex128], other: NDArray[np.complex128], count: int
+    ) -> NDArray[np.float64]:
         """Real inner product of every row, shape (R,)."""
         per_pair = (one.conj() * other).real.sum(axis=1)
-        return np.bincount(rows, weights=per_pair, minlength=count).astype(np.float64)
-
-    normal = np.zeros((2 + count, 2 + count))
-    right = np.zeros(2 + count)
-    common = (by_bias, signal)
-    for i, one in enumerate(common):
-        right[i] = inner(one, residual).sum()
-        for j, other in enumerate(common):
-            normal[i, j] = inner(one, other).sum()
-        normal[i, 2:] = normal[2:, i] = inner(one, by_depth)
-    normal[range(2, 2 + count), range(2, 2 + count)] = inner(by_depth, by_depth) + noise / row_deviation_m**2
-    right[2:] = inner(by_depth, residual) - noise / row_deviation_m**2 * depths_m
-    step = np.linalg.solve(normal, right)
-    deviations = np.sqrt(noise * np.diag(np.linalg.inv(normal)))
-    return (
-        bias_m + step[0],
-        gain * float(np.exp(step[1])),
-        depths_m + step[2:],
-        misfit,
-        deviations[[0, *range(2, 2 + count)]],
-    )
+        return np.bincount(self.rows, weights=per_pair, minlength=count).astype(np.float64)
