@@ -35,7 +35,9 @@ def loaded_by(code: str) -> set[str]:
 @pytest.mark.parametrize(
     "arguments",
     [["--help"], ["--version"]]
-    + [[command, "--help"] for command in ("doctor", "demo", "simulate", "image", "view", "validate")],
+    + [
+        [command, "--help"] for command in ("doctor", "demo", "simulate", "twin", "image", "view", "validate")
+    ],
 )
 def test_help_is_light(arguments):
     assert loaded_by(HELP.format(arguments=arguments)) == set()

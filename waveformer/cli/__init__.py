@@ -17,6 +17,7 @@ from waveformer.cli import demo as demo_command
 from waveformer.cli import doctor as doctor_command
 from waveformer.cli import image as image_command
 from waveformer.cli import simulate as simulate_command
+from waveformer.cli import twin as twin_command
 from waveformer.cli import validate as validate_command
 from waveformer.cli import view as view_command
 from waveformer.simulator.errors import WaveformerError
@@ -89,6 +90,7 @@ def options(
 app.command()(doctor_command.doctor)
 app.command()(demo_command.demo)
 app.command()(simulate_command.simulate)
+app.command()(twin_command.twin)
 app.command()(image_command.image)
 app.command()(view_command.view)
 app.command()(validate_command.validate)
