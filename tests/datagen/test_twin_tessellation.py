@@ -63,7 +63,7 @@ def test_hidden_faces_go_and_the_echo_stays(mitsuba_variant):
     reduced = without_hidden_faces(model)
     # the antennas, within 10 mm of the axis, see the upper one of the box's six sides; the faces that touch it stay too
     upper = len(shell.faces) // 6 + 1
-    assert upper < len(reduced.placed[0].mesh.faces) < 2 * upper
+    assert 1.3 * upper < len(reduced.placed[0].mesh.faces) < 2 * upper
     assert len(reduced.placed[1].mesh.faces) == 0
     whole = model.echo(APERTURE)
     # exactly the pieces that no antenna sees are gone; single precision sums the rest in another order
