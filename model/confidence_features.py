@@ -41,6 +41,8 @@ class ConfidenceFeatures(NamedTuple):
         neighbour_agreement: steadiness of the residual phase between neighbouring antennas, the worse of x and
             y. An error of whole robot rows shows along one axis only and nowhere in the magnitudes.
         block_agreement: the same over blocks of 0.1 m. Wrong depth and curvature leave a phase that drifts.
+        depth_agreement: block_agreement re its best over all levels. The loss goes by range, this by the curvature
+            of the wavefront: where another level fits the phases better, range and curvature disagree about depth.
         image_floor_db: median of |S| outside the mask over its maximum. Noise fills it, and so do the side
             lobes of a sparse or irregular aperture.
         normal_roughness: mean angle between normals of touching voxels, degrees per millimetre. Noise makes
@@ -53,6 +55,7 @@ class ConfidenceFeatures(NamedTuple):
     level_spread: float
     neighbour_agreement: float
     block_agreement: float
+    depth_agreement: float
     image_floor_db: float
     normal_roughness: float
     column_ratio: float
@@ -93,11 +96,13 @@ def confidence_features(
         )
     if selection.is_empty:
         return None
-    neighbours, blocks = _phase_features(selection, stacks, measurement)
+    centers = 0.5 * (measurement.aperture.tx_m + measurement.aperture.receivers_m)
+    neighbours, blocks = _phase_features(selection, stacks, measurement, centers)
     return ConfidenceFeatures(
         *_loss_features(selection),
         neighbours,
         blocks,
+        _depth_agreement(selection, centers[selection.rows]),
         image_floor_db(image, mask),
         normal_roughness(normals, mask, grid),
         1.0 if np.isnan(ratio) else float(ratio),
@@ -133,7 +138,7 @@ def normal_roughness(normals: NDArray[np.floating], mask: NDArray[np.bool_], gri
 
 def _loss_features(selection: Selection) -> tuple[float, float, float]:
     """Misfit, contrast and level spread, of the largest component that has a level."""
-    component = next(i for i, level in enumerate(selection.level_index) if level >= 0)
+    component = _main_component(selection)
     losses, chosen = selection.antenna_losses[component], selection.level_index[component]
     curve = losses.mean(axis=1)
     middle = float(np.median(curve))
@@ -145,18 +150,33 @@ def _loss_features(selection: Selection) -> tuple[float, float, float]:
 
 
 def _phase_features(
-    selection: Selection, stacks: Sequence[SurfaceStack], measurement: Measurement
+    selection: Selection,
+    stacks: Sequence[SurfaceStack],
+    measurement: Measurement,
+    centers: NDArray[np.float64],
 ) -> tuple[float, float]:
     """Agreement of the residual phase between neighbours (the worse axis) and within blocks."""
-    aperture = measurement.aperture
-    centers = 0.5 * (aperture.tx_m + aperture.receivers_m)
     pairs = neighbour_rows(centers, selection.rows)
     rows = np.unique(np.concatenate([selection.rows, *(row for pair in pairs for row in pair)]))
-    correlation = np.zeros(len(aperture), dtype=np.complex128)
+    correlation = np.zeros(len(centers), dtype=np.complex128)
     correlation[rows] = profile_correlation(*_profiles(selection, stacks, measurement, rows))
     agreements = [pair_agreement(correlation[first], correlation[second]) for first, second in pairs]
     blocks = block_agreement(correlation[selection.rows], centers[selection.rows])
     return min(agreements, default=0.0), blocks
+
+
+def _depth_agreement(selection: Selection, centers: NDArray[np.float64]) -> float:
+    """Agreement within blocks at the chosen level re the best of all, 0 .. 1, of the largest component; 0 without phases."""
+    component = _main_component(selection)
+    if not selection.correlations:
+        return 0.0
+    curve = np.array([block_agreement(values, centers) for values in selection.correlations[component]])
+    return float(curve[selection.level_index[component]] / curve.max()) if curve.max() > 0 else 0.0
+
+
+def _main_component(selection: Selection) -> int:
+    """The first, and so the largest, component that has a level."""
+    return next(i for i, level in enumerate(selection.level_index) if level >= 0)
 
 
 def _profiles(

@@ -59,11 +59,16 @@ def component_losses(
     measured: NDArray[Any], responses: Sequence[NDArray[Any]], chosen: Sequence[int], index: int
 ) -> NDArray[np.float64]:
     """Loss of every level of one component, the others held at their chosen levels, shape (L_c, n)."""
+    return antenna_losses(measured, added_responses(responses, chosen, index))
+
+
+def added_responses(responses: Sequence[NDArray[Any]], chosen: Sequence[int], index: int) -> NDArray[Any]:
+    """Response of every level of one component together with the others at their chosen levels, (L_c, n, W)."""
     total = responses[index]
     for other, response in enumerate(responses):
         if other != index:
             total = total + response[chosen[other]]
-    return antenna_losses(measured, total)
+    return total
 
 
 def last_peak(loss: NDArray[np.float64], num_antennas: int, several: bool) -> int:

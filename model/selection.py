@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from waveformer.model.level_choice import component_losses, coordinate_descent, last_peak
+from waveformer.model.level_choice import added_responses, component_losses, coordinate_descent, last_peak
+from waveformer.model.phase_agreement import profile_correlation
 from waveformer.model.range_response import range_limits, range_responses
 from waveformer.model.range_window import RangeWindow, measured_profiles, mmnorm_window, object_window
 from waveformer.model.selected_antennas import choose_antennas
 from waveformer.model.surfaces import SurfaceStack
 from waveformer.simulator.errors import RadarError
 from waveformer.simulator.measurement import Measurement
+
+Value = TypeVar("Value")
 
 
 class SelectionSettings(BaseModel):
@@ -48,6 +51,8 @@ class Selection:
         rows: antennas that took part, rows of the measurement, shape (n,).
         window: range bins of these antennas; None if nothing could be chosen.
         note: what the user should know: why nothing was chosen, or how the antennas were.
+        correlations: complex correlation of the measured profile with that of every level, shape (L_c, n) a
+            component, see `phase_agreement`; none if powers were added, which have no phase.
     """
 
     level_index: tuple[int, ...]
@@ -55,6 +60,7 @@ class Selection:
     rows: NDArray[np.int64]
     window: RangeWindow | None
     note: str = ""
+    correlations: tuple[NDArray[np.complex128], ...] = ()
 
     @property
     def is_empty(self) -> bool:
@@ -133,17 +139,27 @@ def select_levels(
     if settings.choice == "last_peak":
         chosen = [last_peak(values.sum(axis=1), len(rows), len(usable) > 1) for values in losses]
         losses = [component_losses(measured, responses, chosen, i) for i in range(len(usable))]
-    level_index = np.full(len(stacks), -1)
-    level_index[usable] = chosen
-    by_component = dict(zip(usable, losses, strict=True))
-    empty = np.empty((0, len(rows)))
+    phases = [
+        profile_correlation(measured, added_responses(responses, chosen, i))
+        for i in range(len(usable) if settings.coherent else 0)
+    ]
+    no_losses = np.empty((0, len(rows)))
     return Selection(
-        tuple(int(level) for level in level_index),
-        tuple(by_component.get(index, empty) for index in range(len(stacks))),
+        _by_component(chosen, usable, -1, len(stacks)),
+        _by_component(losses, usable, no_losses, len(stacks)),
         rows,
         window,
         note,
+        _by_component(phases, usable, no_losses + 0j, len(stacks)) if phases else (),
     )
+
+
+def _by_component(
+    values: Sequence[Value], usable: Sequence[int], missing: Value, count: int
+) -> tuple[Value, ...]:
+    """Values of the usable components in their places among all."""
+    found = dict(zip(usable, values, strict=True))
+    return tuple(found.get(index, missing) for index in range(count))
 
 
 def _check(index: int, stack: SurfaceStack, count: int) -> None:

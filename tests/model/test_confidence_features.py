@@ -94,6 +94,7 @@ def test_a_clean_scan(scan: Measurement, rng: np.random.Generator) -> None:
     assert features.level_spread < np.log(2)
     assert features.neighbour_agreement > 0.95
     assert features.block_agreement > 0.9
+    assert features.depth_agreement > 0.95
     assert features.column_ratio == 0.5
 
 
@@ -124,6 +125,27 @@ def test_wrong_depth_makes_the_phase_drift(scan: Measurement, rng: np.random.Gen
     deep = features_of(scan, rng, shift_m=(0.0, 0.0, -0.02))  # a larger radius makes up for it overhead only
     assert deep.block_agreement < 0.7 * clean.block_agreement
     assert deep.neighbour_agreement > deep.block_agreement + 0.2  # antennas 2 cm apart hardly see it
+
+
+def test_phases_that_prefer_another_level_than_the_loss(scan: Measurement, rng: np.random.Generator) -> None:
+    centers = scan.aperture.tx_m
+    drift = np.exp(2j * np.pi / 0.15 * centers[:, 0])
+    rows = np.arange(len(centers))
+    losses = np.stack([np.full(len(rows), value) for value in (0.9, 0.1, 0.9)])
+    correlations = np.stack([np.ones(len(rows)) + 0j, drift, 0 * drift])
+    image, normals, mask = image_of(rng, 0.0)
+    agreements = []
+    for chosen in (0, 1):
+        selection = Selection((chosen,), (losses,), rows, None, "", (correlations,))
+        features = confidence_features(selection, [caps()], scan, GRID, image, normals, mask, 0.5)
+        assert features is not None
+        agreements.append(features.depth_agreement)
+    assert agreements[0] == pytest.approx(1.0)
+    assert agreements[1] < 0.6
+    powers = Selection((1,), (losses,), rows, None)
+    features = confidence_features(powers, [caps()], scan, GRID, image, normals, mask, 0.5)
+    assert features is not None
+    assert features.depth_agreement == 0.0
 
 
 def test_groups_that_disagree() -> None:

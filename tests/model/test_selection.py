@@ -67,6 +67,9 @@ def test_the_sphere_that_echoed_is_found(scan: Measurement, window: str, seed: i
     assert len(selection.rows) == 50
     assert selection.antenna_losses[0].shape == (NUM_LEVELS, 50)
     assert selection.losses[0].argmin() == selection.level_index[0]
+    # the true surface explains the phases, too, but for one common turn
+    correlation = selection.correlations[0][TRUE_LEVEL]
+    assert np.abs(correlation.mean()) > 0.95
     # a sharp minimum: the levels 10 mm away fit several times worse
     losses = selection.losses[0]
     assert min(losses[TRUE_LEVEL - 5], losses[TRUE_LEVEL + 5]) > 3 * losses.min()
@@ -76,6 +79,7 @@ def test_powers_find_it_too(scan: Measurement) -> None:
     selection = choose(scan, SETTINGS.model_copy(update={"coherent": False}))
     # Whole caps reach deeper than the glint: powers favour a higher surface, by 6 mm here.
     assert 1 <= selection.level_index[0] - TRUE_LEVEL <= 5
+    assert selection.correlations == ()
 
 
 def test_last_peak_agrees_where_there_is_one_minimum(scan: Measurement) -> None:
