@@ -143,14 +143,14 @@ def select_levels(
         profile_correlation(measured, added_responses(responses, chosen, i))
         for i in range(len(usable) if settings.coherent else 0)
     ]
-    no_losses = np.empty((0, len(rows)))
+    no_losses, no_phases = np.empty((0, len(rows))), np.empty((0, len(rows)), dtype=np.complex128)
     return Selection(
         _by_component(chosen, usable, -1, len(stacks)),
         _by_component(losses, usable, no_losses, len(stacks)),
         rows,
         window,
         note,
-        _by_component(phases, usable, no_losses + 0j, len(stacks)) if phases else (),
+        _by_component(phases, usable, no_phases, len(stacks)) if phases else (),
     )
 
 
