@@ -8,6 +8,7 @@ loss L it is dL / d Re h + j dL / d Im h, so dL = Re sum conj(gradient) dh.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
@@ -49,8 +50,8 @@ def adjoint_echo(
     Returns:
         By point, normal, area and taper of every sample of the plan, shape (S, 8).
     """
-    tables = SampleTables(plan)
     response = None if response_plan is None else Response(response_plan)
+    target = _TargetAdjoint(plan, SampleTables(plan), aperture, two_sided, response)
     to_bins = np.ascontiguousarray(plan.ranges.to_samples.conj().T)
     total = np.zeros((len(plan.cell_of_sample), SAMPLE_FLOATS))
     waiting: list[tuple[NDArray[np.int64], list[Float]]] = []
@@ -62,10 +63,7 @@ def adjoint_echo(
             if response_plan is not None:
                 spectrum = spectrum * response_plan.to_samples[frequency].conj()
             bins = spectrum.astype(np.complex64) @ to_bins  # stage 4
-            launched = [
-                _of_lit(plan, tables, work, bins, aperture, two_sided, response, frequency),
-                _of_partial(plan, tables, work, bins, aperture, two_sided, response, frequency),
-            ]
+            launched = [target.lit(work, bins, frequency), target.partial(work, bins, frequency)]
             _add(total, waiting)
             waiting = [part for part in launched if part is not None]
     _add(total, waiting)
@@ -77,85 +75,83 @@ def _add(total: NDArray[np.float64], parts: list[tuple[NDArray[np.int64], list[F
         total[members] += np.stack([value.numpy() for value in sums], axis=1)
 
 
-def _of_lit(
-    plan: Factorisation,
-    tables: SampleTables,
-    work: TileWork,
-    bins: NDArray[np.complex64],
-    aperture: Aperture,
-    two_sided: bool,
-    response: Response | None,
-    frequency: int,
-) -> tuple[NDArray[np.int64], list[Float]] | None:
-    """Samples that the whole tile sees: by way of its nodes."""
-    if len(work.members) == 0:
-        return None
-    tile = work.tile
-    moments = _collect(plan, tables, work, bins, aperture, work.cells)
-    if tile.weights is not None:
-        moments = tile.weights.T @ moments  # stage 2
-    table = moments.transpose(2, 1, 0)  # (cells, nodes, 2 * NUM_MOMENTS)
-    centers = plan.cells.centers_m[work.cells]
-    paths = None
-    if response is not None:
-        table, paths = _through_paths(response, table, centers, tile.node_tx_m, tile.node_rx_m, frequency)
-    lanes = AdjointLanes(
-        member=to_device_index(work.members),
-        cell=to_device_index(_place_of(plan, work.members, work.cells)),
-        centers=to_device(centers),
-        transmitters=to_device(tile.node_tx_m),
-        receivers=None if tile.node_rx_m is None else to_device(tile.node_rx_m),
-        num_antennas=len(tile.node_tx_m),
-        moments=to_device(table),
-        paths=paths,
-        visible=None,
-    )
-    return work.members, sample_adjoint(tables.in_cells, lanes, plan.ranges, two_sided, response, frequency)
+@dataclass(frozen=True, eq=False)
+class _TargetAdjoint:
+    """Stages 3 to 1 for the tiles of one target: (samples, their launched sums), None where there are none."""
 
+    plan: Factorisation
+    tables: SampleTables
+    aperture: Aperture
+    two_sided: bool
+    response: Response | None
 
-def _of_partial(
-    plan: Factorisation,
-    tables: SampleTables,
-    work: TileWork,
-    bins: NDArray[np.complex64],
-    aperture: Aperture,
-    two_sided: bool,
-    response: Response | None,
-    frequency: int,
-) -> tuple[NDArray[np.int64], list[Float]] | None:
-    """Samples that only some antennas of the tile see: antenna by antenna."""
-    members, rows = work.visibility.partial, work.tile.rows
-    if len(members) == 0:
-        return None
-    cells = np.unique(plan.cell_of_sample[members])
-    moments = _collect(plan, tables, work, bins, aperture, cells)
-    lanes = AdjointLanes(
-        member=to_device_index(members),
-        cell=to_device_index(_place_of(plan, members, cells)),
-        centers=to_device(plan.cells.centers_m[cells]),
-        transmitters=to_device(aperture.tx_m[rows]),
-        receivers=None if aperture.rx_m is None else to_device(aperture.rx_m[rows]),
-        num_antennas=len(rows),
-        moments=to_device(moments.transpose(2, 1, 0)),
-        paths=None,
-        visible=to_device(work.tile.ray_weights @ work.visibility.partial_visible),
-    )
-    return members, sample_adjoint(tables.in_cells, lanes, plan.ranges, two_sided, response, frequency)
+    def lit(
+        self, work: TileWork, bins: NDArray[np.complex64], frequency: int
+    ) -> tuple[NDArray[np.int64], list[Float]] | None:
+        """Samples that the whole tile sees: by way of its nodes."""
+        if len(work.members) == 0:
+            return None
+        tile = work.tile
+        moments = self.collect(work, bins, work.cells)
+        if tile.weights is not None:
+            moments = tile.weights.T @ moments  # stage 2
+        table = moments.transpose(2, 1, 0)  # (cells, nodes, 2 * NUM_MOMENTS)
+        centers = self.plan.cells.centers_m[work.cells]
+        paths = None
+        if self.response is not None:
+            table, paths = _through_paths(
+                self.response, table, centers, tile.node_tx_m, tile.node_rx_m, frequency
+            )
+        lanes = AdjointLanes(
+            member=to_device_index(work.members),
+            cell=to_device_index(_place_of(self.plan, work.members, work.cells)),
+            centers=to_device(centers),
+            transmitters=to_device(tile.node_tx_m),
+            receivers=None if tile.node_rx_m is None else to_device(tile.node_rx_m),
+            num_antennas=len(tile.node_tx_m),
+            moments=to_device(table),
+            paths=paths,
+            visible=None,
+        )
+        return work.members, self._launched(lanes, frequency)
 
+    def partial(
+        self, work: TileWork, bins: NDArray[np.complex64], frequency: int
+    ) -> tuple[NDArray[np.int64], list[Float]] | None:
+        """Samples that only some antennas of the tile see: antenna by antenna."""
+        members, rows = work.visibility.partial, work.tile.rows
+        if len(members) == 0:
+            return None
+        cells = np.unique(self.plan.cell_of_sample[members])
+        aperture = self.aperture
+        lanes = AdjointLanes(
+            member=to_device_index(members),
+            cell=to_device_index(_place_of(self.plan, members, cells)),
+            centers=to_device(self.plan.cells.centers_m[cells]),
+            transmitters=to_device(aperture.tx_m[rows]),
+            receivers=None if aperture.rx_m is None else to_device(aperture.rx_m[rows]),
+            num_antennas=len(rows),
+            moments=to_device(self.collect(work, bins, cells).transpose(2, 1, 0)),
+            paths=None,
+            visible=to_device(work.tile.ray_weights @ work.visibility.partial_visible),
+        )
+        return members, self._launched(lanes, frequency)
 
-def _collect(
-    plan: Factorisation,
-    tables: SampleTables,
-    work: TileWork,
-    bins: NDArray[np.complex64],
-    aperture: Aperture,
-    cells: NDArray[np.int64],
-) -> NDArray[np.float32]:
-    """Stage 3: adjoint moments of cells at the antennas of a tile, (2 * NUM_MOMENTS, n, cells)."""
-    rows, center = work.tile.rows, plan.ranges.center_m
-    receivers = None if aperture.rx_m is None else aperture.rx_m[rows] - center
-    antennas = Antennas(aperture.tx_m[rows] - center, receivers)
-    return collect_cells(bins, plan.ranges, antennas, to_device_index(cells), tables.cell_centers)
+    def collect(
+        self, work: TileWork, bins: NDArray[np.complex64], cells: NDArray[np.int64]
+    ) -> NDArray[np.float32]:
+        """Stage 3: adjoint moments of cells at the antennas of a tile, (2 * NUM_MOMENTS, n, cells)."""
+        rows, center, aperture = work.tile.rows, self.plan.ranges.center_m, self.aperture
+        receivers = None if aperture.rx_m is None else aperture.rx_m[rows] - center
+        antennas = Antennas(aperture.tx_m[rows] - center, receivers)
+        return collect_cells(
+            bins, self.plan.ranges, antennas, to_device_index(cells), self.tables.cell_centers
+        )
+
+    def _launched(self, lanes: AdjointLanes, frequency: int) -> list[Float]:
+        return sample_adjoint(
+            self.tables.in_cells, lanes, self.plan.ranges, self.two_sided, self.response, frequency
+        )
 
 
 def _through_paths(
