@@ -61,7 +61,8 @@ def pose_figure(
             _draw_outline(panel, mesh, pose, (across, up), color, line, width)
             panel.plot([], [], color=color, ls=line, lw=width, label=label)
         panel.set(title=name, xlabel=f"{'xyz'[across]} [cm]", ylabel=f"{'xyz'[up]} [cm]", aspect="equal")
-    panels[0, 1].legend(frameon=False, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.3))
+    # outside of all panels: how high the outlines are depends on the object
+    figure.legend(*panels[0, 1].get_legend_handles_labels(), frameon=False, ncols=3, loc="outside upper left")
     _draw_errors(panels[0, 2], fit, mesh, start_pose, true_pose)
 
     powers = {"measured": _power(measurement)}
