@@ -21,6 +21,7 @@ from waveformer.simulator.backend import Array3f, Array4f, Float, UInt32
 from waveformer.simulator.device import to_device
 from waveformer.simulator.differentiable import freeze, simulate
 from waveformer.simulator.echo_terms import echo, leg, phasor
+from waveformer.simulator.reference_frozen import samples_of
 from waveformer.simulator.tangent_echo import Direction
 
 _FEW_PAIRS, _MANY_PAIRS = 10_000_000, 1_000_000_000
@@ -29,23 +30,10 @@ _PLAIN_ANTENNAS = 64
 
 def surface_echo() -> tuple[Any, int]:
     """The echo of the benchmark's object with everything discrete found, and its pairs of sample and antenna."""
-    from waveformer.simulator.quadrature import SurfaceSamples
-
     mesh = bumpy_ellipsoid()
     frozen = freeze(mesh.vertices_m, mesh.faces, CHIRP, APERTURE.tx_m)
     target = frozen.targets[0]
-    corners = mesh.vertices_m[frozen.faces]
-    u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    face, place = target.pieces.face, target.pieces.barycentric
-    products = np.stack([(a * b).sum(axis=1) for a, b in ((u, u), (u, v), (v, v))], axis=1)
-    cross = np.cross(u, v)
-    area = np.linalg.norm(cross, axis=1)
-    samples = SurfaceSamples(
-        corners[face, 0] + place[:, :1] * u[face] + place[:, 1:] * v[face],
-        (cross / area[:, None])[face],
-        0.5 * area[face] / target.pieces.divisor,
-        (target.pieces.spread_form * products[face]).sum(axis=1),
-    )
+    samples = samples_of(target.pieces, frozen.faces, mesh.vertices_m)
     term = target.surface.echo(samples, CHIRP, APERTURE, None, 1j / (4.0 * np.pi))
     seen = sum(
         len(work.tile.rows) * (len(work.members) + len(work.visibility.partial))

@@ -28,7 +28,8 @@ from waveformer.simulator.surroundings import Surroundings
 AIM_SIZE, TURN_RAD, SHIFT_M = 0.8, np.array([0.003, 0.002, -0.004]), np.array([1e-4, -2e-4, 2e-4])
 # Steps of the central differences: phases turn by 3e-4 rad at most, so they err by 1e-7 and round off by less.
 STEP_M, STEP = 1e-7, 1e-4
-# Largest relative errors that the task of this model names.
+# Largest relative errors, so that gradients serve a descent: of a rigid motion all samples add up, so that float32 and
+# the interpolations average out; single positions do not have that, and tables of matter are linear between entries.
 ASKED = {"translation": 2e-4, "rotation": 2e-4, "tx_m": 1e-3, "rx_m": 1e-3}
 ASKED |= {kind: 1e-3 for kind in ("random motion", "smooth motion", "single vertices")}
 ASKED |= {name: 5e-3 for name in ("reflectivity", "permittivity", "thickness_m", "roughness_m")}
