@@ -15,7 +15,9 @@ from typer.core import TyperGroup
 from waveformer import __version__
 from waveformer.cli import demo as demo_command
 from waveformer.cli import doctor as doctor_command
+from waveformer.cli import evaluate as evaluate_command
 from waveformer.cli import image as image_command
+from waveformer.cli import reconstruct as reconstruct_command
 from waveformer.cli import simulate as simulate_command
 from waveformer.cli import twin as twin_command
 from waveformer.cli import validate as validate_command
@@ -92,6 +94,8 @@ app.command()(demo_command.demo)
 app.command()(simulate_command.simulate)
 app.command()(twin_command.twin)
 app.command()(image_command.image)
+app.command()(reconstruct_command.reconstruct)
+app.command()(evaluate_command.evaluate)
 app.command()(view_command.view)
 app.command()(validate_command.validate)
 
