@@ -80,7 +80,7 @@ def _outline(panel: Axes, corners_cm: NDArray[np.float64] | None, axes: tuple[in
 
 
 def _normals(panel: Axes, proposal: Proposal) -> None:
-    panel.set(title="normals where the image is strong, from the front", xlabel="x (cm)", ylabel="z (cm)")
+    panel.set(title="normals, from the front", xlabel="x (cm)", ylabel="z (cm)")
     if proposal.focus is None or proposal.focus.normals is None or proposal.mask is None:
         return
     index = np.argwhere(proposal.mask.mask)
@@ -89,7 +89,7 @@ def _normals(panel: Axes, proposal: Proposal) -> None:
     normals = proposal.focus.normals[tuple(index.T)]
     panel.quiver(
         100.0 * grid.x[index[:, 0]], 100.0 * grid.z[index[:, 2]], normals[:, 0], normals[:, 2], grid.y[index[:, 1]],
-        cmap="viridis", angles="xy", width=0.002,
+        cmap="viridis", angles="xy", scale=25.0, width=0.003,
     )  # fmt: skip
     panel.set_aspect("equal")
 
@@ -110,7 +110,7 @@ def _losses(panel: Axes, proposal: Proposal) -> None:
 
 
 def _levels(figure: Any, panel: Axes, proposal: Proposal, corners_cm: NDArray[np.float64] | None) -> None:
-    panel.set(title="candidate surfaces at all levels, from the front", xlabel="x (cm)", ylabel="z (cm)")
+    panel.set(title="surfaces of all levels, from the front", xlabel="x (cm)", ylabel="z (cm)")
     _truth_dots(panel, corners_cm, (0, 2))
     for stack, at, chosen in zip(proposal.stacks, proposal.levels_m, proposal.chosen_m, strict=True):
         rows = slice(None, None, max(1, len(stack.points_m) // _DOTS))
@@ -123,7 +123,7 @@ def _levels(figure: Any, panel: Axes, proposal: Proposal, corners_cm: NDArray[np
 
 
 def _chosen(panel: Axes, proposal: Proposal, corners_cm: NDArray[np.float64] | None) -> None:
-    panel.set(title="chosen surface (red) on the truth, from the front", xlabel="x (cm)", ylabel="z (cm)")
+    panel.set(title="chosen surface (red), from the front", xlabel="x (cm)", ylabel="z (cm)")
     _truth_dots(panel, corners_cm, (0, 2))
     points = 100.0 * proposal.surface_m()
     points = points[:: max(1, len(points) // _DOTS)]

@@ -23,6 +23,8 @@ CROP_MARGIN_M = np.array([0.03, 0.03, 0.045])
 # The background is sampled in cubes of 3 x 3 x 3 voxels, one of 27; a cube costs little more than a voxel.
 _CUBE, _BACKGROUND_SPACING_M = 3, 4e-3
 _COARSE_SPACING_M = 6e-3
+# How far beside the aperture an object is looked for.
+_BESIDE_M = 0.03
 
 
 class Volume(NamedTuple):
@@ -88,9 +90,13 @@ def find_crop(
 ) -> Volume | None:
     """The box around everything that reflects, with margins; None if nothing does.
 
-    The whole volume is imaged at 6 mm, which is enough to see where the reflections lie.
+    It is looked for below the aperture: the side lobes of a raster coarser than half a wavelength look like objects, and
+    those of 4 mm lie 0.17 m beside what reflects. An image at 6 mm is enough to see where the reflections lie.
     """
-    grid = Grid.box(volume.min_m, volume.max_m, _COARSE_SPACING_M)
+    antennas = measurement.aperture.tx_m
+    low, high = volume.min_m.copy(), volume.max_m.copy()
+    low[:2], high[:2] = antennas[:, :2].min(axis=0) - _BESIDE_M, antennas[:, :2].max(axis=0) + _BESIDE_M
+    grid = Grid.box(low, high, _COARSE_SPACING_M)
     image = focus(measurement, grid, normals=False, progress=progress).image
     specular = specular_mask(image, grid)
     components = connected_components(specular.mask, grid, minimum_volume_m3=0.0, fallback_volume_m3=0.0)
