@@ -20,8 +20,8 @@ MARGIN_M = 0.125
 DEPTHS_M = (0.25, 0.50)
 # Around what reflects: the object's hidden sides, and in depth the range resolution.
 CROP_MARGIN_M = np.array([0.03, 0.03, 0.045])
-# The background is sampled in cubes of 3 x 3 x 3 voxels, one of 27; a cube costs little more than a voxel.
-_CUBE, _BACKGROUND_SPACING_M = 3, 4e-3
+# The background is sampled in cubes as large as a cell of the imaging, one of 27: a cell costs little more than a voxel.
+_CUBE, _CUBES_PER_GROUP_EDGE, _BACKGROUND_SPACING_M = 4, 3, 4e-3
 _COARSE_SPACING_M = 6e-3
 # How far beside the aperture an object is looked for.
 _BESIDE_M = 0.03
@@ -60,7 +60,7 @@ def sample_background(
         crop: voxels that are imaged in full.
         rng: draws the cube in each group of 3 x 3 x 3.
     """
-    group = _CUBE * _CUBE
+    group = _CUBE * _CUBES_PER_GROUP_EDGE
     counts = [
         group * max(1, round(float(side) / (group * _BACKGROUND_SPACING_M)))
         for side in volume.max_m - volume.min_m
@@ -70,7 +70,8 @@ def sample_background(
     )
     cubes = np.zeros([n // _CUBE for n in counts], dtype=bool)
     groups = np.stack(np.meshgrid(*(np.arange(n // group) for n in counts), indexing="ij"), axis=-1)
-    chosen = _CUBE * groups.reshape(-1, 3) + rng.integers(0, _CUBE, (groups.size // 3, 3))
+    within = rng.integers(0, _CUBES_PER_GROUP_EDGE, (groups.size // 3, 3))
+    chosen = _CUBES_PER_GROUP_EDGE * groups.reshape(-1, 3) + within
     cubes[tuple(chosen.T)] = True
     where = cubes.repeat(_CUBE, 0).repeat(_CUBE, 1).repeat(_CUBE, 2)
     inside = [
@@ -80,7 +81,7 @@ def sample_background(
     # one block: a block's own cost is that of many cells
     image = focus(measurement, grid, normals=False, where=where, cells_per_edge=max(counts)).image
     magnitude = np.abs(image[where])
-    per_sample = _CUBE**3 * _BACKGROUND_SPACING_M**3 / _voxel_m3(crop)
+    per_sample = _CUBES_PER_GROUP_EDGE**3 * _BACKGROUND_SPACING_M**3 / _voxel_m3(crop)
     # without positions: reflections far from the crop are cut off with it and must not raise the threshold further
     return Background(magnitude, np.full(len(magnitude), per_sample))
 

@@ -3,7 +3,7 @@
     image    S(v) = sum_k s_k(v),  s_k(v) = sum_t h[k, t] exp(+j 4 pi f_t R_kv / c)                  (Eq. 1)
     normals  N(v) = sum_k Re(s_k conj(S)) / |S| (p_k - v) = Re(conj(S) / |S| sum_k s_k p_k) - v |S|    (mmNorm)
 
-Voxels form cells of about 3 wavelengths, antennas form sub-apertures. Towards a cell, freed of the carrier to its centre,
+Voxels form cells of 3.2 wavelengths, antennas form sub-apertures. Towards a cell, freed of the carrier to its centre,
 the contributions of a sub-aperture are smooth in the antenna's place, so they are merged into a few nodes, and
 only nodes meet voxels. Both s_k and s_k p_k are sums over nodes, the second with the nodes' places.
 
@@ -31,7 +31,7 @@ from waveformer.simulator.range_bins import RangeBins, range_bins, reference_pha
 from waveformer.simulator.runtime import activate
 
 TOLERANCE = 0.1
-CELL_EDGE_WAVELENGTHS = 4.0
+CELL_EDGE_WAVELENGTHS = 3.2
 _BIN_WIDTH_WAVELENGTHS = 0.5
 # (antenna, cell) pairs of one launch: 48 MB.
 _MAX_LANES = 2_000_000
@@ -117,11 +117,16 @@ def _focus_block(measurement: Measurement, cells: FocusCells, axes: tuple[int, .
     closest_m = max(float(np.linalg.norm(outside, axis=1).min()) - cells.radius_m, 1e-4)
     tiles = focus_tiles(aperture, closest_m, cells.radius_m, float(chirp.wavelengths_m[-1]), TOLERANCE)
     block = BlockFocus(cells, ranges, aperture, axes)
+    parts = [(tile, rows) for tile in tiles for rows in _parts(tile, len(cells.centers_m))]
     with single_blas_thread():
-        for tile in tiles:
-            for rows in _parts(tile, len(cells.centers_m)):
-                block.collect(tile, rows, _range_bins_of(measurement, tile.rows[rows], ranges))
-            block.add(tile)
+        launched = None
+        for tile, rows in parts:
+            following = block.launch(tile, rows, _range_bins_of(measurement, tile.rows[rows], ranges))
+            if launched is not None:  # the device works on what follows while this is merged
+                block.merge(launched)
+            launched = following
+        if launched is not None:
+            block.merge(launched)
     return block.sums()
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +16,19 @@ from waveformer.simulator.kernel_factorised import Antennas
 from waveformer.simulator.kernel_focus import FOCUS_MOMENTS, Columns, add_columns, collect_moments
 from waveformer.simulator.radar import Aperture
 from waveformer.simulator.range_bins import RangeBins
+
+
+class Launched(NamedTuple):
+    """Rows of a tile at work on the device.
+
+    Attributes:
+        tile, rows: which.
+        at_antennas: moments of every cell at every antenna, as `collect_moments` gives them.
+    """
+
+    tile: FocusTile
+    rows: slice
+    at_antennas: list[Float]
 
 
 class BlockFocus:
@@ -40,31 +55,32 @@ class BlockFocus:
         self._sums = [dr.zeros(Float, len(cells.cell)) for _ in range(count)]
         self._moments: NDArray[np.float32] | None = None
 
-    def collect(self, tile: FocusTile, rows: slice, bins: NDArray[np.complex64]) -> None:
-        """Merge some rows of a tile, with the adjoint of their range bins (n, count * moments), into its nodes."""
+    def launch(self, tile: FocusTile, rows: slice, bins: NDArray[np.complex64]) -> Launched:
+        """Begin with some rows of a tile, given the adjoint of their range bins (n, count * moments)."""
         members = tile.rows[rows]
         center_m, rx_m = self._ranges.center_m, self._aperture.rx_m
         antennas = Antennas(
             self._aperture.tx_m[members] - center_m, None if rx_m is None else rx_m[members] - center_m
         )
-        at_antennas = collect_moments(bins, self._ranges, antennas, self._centers)
+        return Launched(tile, rows, collect_moments(bins, self._ranges, antennas, self._centers))
+
+    def merge(self, launched: Launched) -> None:
+        """Merge what was launched into the nodes of its tile; the last rows of a tile add it to the image."""
+        tile, rows, at_antennas = launched
         if self._moments is None:
             shape = (self._num_cells, len(tile.nodes_m[0]), 2 * FOCUS_MOMENTS)
             self._moments = np.zeros(shape, dtype=np.float32)
         for moment, values in enumerate(at_antennas):
-            of_cells = values.numpy().reshape(len(members), self._num_cells).T
+            of_cells = values.numpy().reshape(-1, self._num_cells).T
             if tile.weights is None:
                 self._moments[:, rows, moment] = of_cells
             else:
                 self._moments[:, :, moment] += of_cells @ tile.weights[rows]
-
-    def add(self, tile: FocusTile) -> None:
-        """Add the nodes of a tile whose rows have all been collected."""
-        assert self._moments is not None, "no row of the tile was collected"
-        self._sums = add_columns(
-            self._sums, self._columns, tile.nodes_m, self._moments, self._ranges, self._axes
-        )
-        self._moments = None
+        if rows.stop >= len(tile.rows):
+            self._sums = add_columns(
+                self._sums, self._columns, tile.nodes_m, self._moments, self._ranges, self._axes
+            )
+            self._moments = None
 
     def sums(self) -> NDArray[np.float32]:
         """Sums of every voxel, shape (2 + 2 axes, L, C)."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from waveformer.simulator.grid import Grid
 
 # Voxels of a column: more keep more sums than a core has registers.
-_MAX_COLUMN = 5
+_MAX_COLUMN = 4
 CELLS_PER_BLOCK_EDGE = 16
 
 
@@ -61,11 +61,11 @@ def focus_cells(
     where: NDArray[np.bool_] | None = None,
     cells_per_edge: int = CELLS_PER_BLOCK_EDGE,
 ) -> Iterator[FocusCells]:
-    """Cut a grid into blocks of cells with edges up to `edge_m`.
+    """Cut a grid into blocks of cells up to `edge_m` wide.
 
     Args:
         grid: voxels.
-        edge_m: largest extent of a cell between the centres of its outer voxels, plus one voxel.
+        edge_m: largest extent of a cell between the centres of its outer voxels.
         where: voxels that are wanted, shape (X, Y, Z); cells without any are left out. None wants all.
         cells_per_edge: cells along each edge of a block.
     """
@@ -81,11 +81,12 @@ def focus_cells(
 
 def _runs(axis: NDArray[np.float64], edge_m: float, is_column: bool) -> _Runs:
     step = float(np.ptp(axis)) / (len(axis) - 1) if len(axis) > 1 else edge_m
-    length = max(1, min(len(axis), int(edge_m / step + 1e-9)))
-    length = -(-len(axis) // -(-len(axis) // length))  # as even as the number of runs allows
+    longest = min(len(axis), int(edge_m / step + 1e-9) + 1)
+    length = -(-len(axis) // -(-len(axis) // longest))  # as even as the number of runs allows
     if is_column and length > _MAX_COLUMN:
+        # equal columns, no longer together than a cell may be
         pieces = -(-length // _MAX_COLUMN)
-        length = pieces * -(-length // pieces)
+        length = min(pieces * -(-length // pieces), longest // pieces * pieces)
     count = -(-len(axis) // length)
     beyond = axis[-1] + step * np.arange(1, count * length - len(axis) + 1)
     places = np.concatenate([axis, beyond]).reshape(count, length)
