@@ -26,6 +26,8 @@ _FIRST_DAMPING, _SMALLEST_DAMPING, _LARGEST_DAMPING = 1e-3, 1e-9, 1e6
 # Directions whose curvature, in units of the scales, is below this share of the largest stay where they are: free gains
 # leave rounding errors of single precision in the place of a parameter that they make unobservable.
 _SMALLEST_CURVATURE = 1e-9
+# In units of the scales: farther away the model of the misfit says nothing, and a step may end where no echo is left.
+_LONGEST_STEP = 2.0
 # Times the share above far from the least number there is, and below any curvature of a signal.
 _LEAST_CURVATURE = 1e-200
 
@@ -96,7 +98,8 @@ def fit(
             `differentiable.simulate`; both on the device of the measured signal.
         measured: signal (N, T), complex.
         start: parameters to start from (P,).
-        scales: how much of every parameter matters (P,): a wavelength for a length. It only conditions the solver.
+        scales: how much of every parameter matters (P,): a wavelength for a length. They condition the solver, and no
+            step is longer than two of them.
         stages: coarse to fine.
         prior_deviations: standard deviations of the parameters about `start`, known beforehand (P,); infinite where
             nothing is known. The noise is taken from the misfit.
@@ -197,6 +200,7 @@ def _descend(
         while damping < _LARGEST_DAMPING and not improved:
             damped = normal + damping * normal.diagonal().diag() + still
             step = torch.linalg.solve(damped, slope)
+            step = step * min(1.0, _LONGEST_STEP / max(float(step.abs().max()), _LONGEST_STEP))
             if float(step @ slope) < _SMALLEST_GAIN * whole:  # not even the model of the misfit promises more
                 break
             trial = values + step * scales

@@ -53,7 +53,7 @@ def trials(meshes: Path, cache: Path, name: str, seed: int) -> list[dict[str, An
 
         # one unit in the logarithm: enough to keep a fit from running off to where nothing changes any more
         one = torch.ones(2, dtype=torch.float64)
-        found = fit(echo, torch.from_numpy(np.array(scan.h)), start, one, prior_deviations=one)
+        found = fit(echo, torch.from_numpy(np.array(scan.h)), start, 0.5 * one, prior_deviations=one)
         seconds = time.process_time() - started
         values = found.values.exp().numpy()
         rows.append(

@@ -147,6 +147,20 @@ def test_what_a_stage_cannot_see_stays_where_it_was() -> None:
     assert float(whole.values[3]) == pytest.approx(3.0, abs=1e-3)
 
 
+def test_a_start_where_the_signal_hardly_changes_does_not_throw_the_fit_off() -> None:
+    def faded(values: torch.Tensor) -> torch.Tensor:
+        # like roughness: a small value changes little, a large one leaves no echo
+        return (
+            points(torch.zeros(3, dtype=torch.float64)) * torch.exp(-((values[0].exp()) ** 2))
+            + 0.0 * values[0]
+        )
+
+    truth = torch.tensor([0.0], dtype=torch.float64)
+    start = torch.tensor([-3.0], dtype=torch.float64)
+    found = fit(faded, faded(truth), start, torch.tensor([0.5], dtype=torch.float64))
+    assert abs(float(found.values[0])) < 1e-4
+
+
 def test_values_that_the_model_refuses_are_stepped_around() -> None:
     truth = torch.tensor([2e-4, 0.0, 0.0], dtype=torch.float64)
 
