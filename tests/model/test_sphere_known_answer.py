@@ -5,7 +5,7 @@ Its top is 0.36 m below an aperture of 0.3 x 0.4 m with a pitch of 6 mm; voxels 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -16,6 +16,7 @@ from waveformer.model.potential import integrate_breadth_first, integrate_least_
 from waveformer.model.surfaces import PotentialField, surface_points, voxel_points
 from waveformer.model.threshold import specular_mask
 from waveformer.model.voxels import voxel_positions_m
+from waveformer.simulator.focus import focus
 from waveformer.simulator.grid import Grid
 from waveformer.simulator.measurement import Measurement
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Aperture, Chirp
@@ -36,37 +37,15 @@ class Sphere:
 
 @pytest.fixture(scope="module")
 def sphere(mitsuba_variant):
-    """One quadrant is imaged; sphere and aperture are symmetric about x = 0 and y = 0."""
-    from waveformer.simulator.imaging import backproject
-
     chirp, aperture = Chirp(77.5001e9, 3.0009e9, 64), Aperture.planar_grid(51, 67, 0.006)
     # The specular point lies on the way to the centre; a sphere's echo falls with 1 / (R (R + r)).
     range_m = np.linalg.norm(aperture.tx_m - CENTER_M, axis=1)[:, None] - RADIUS_M
     h = np.exp(-4j * np.pi * range_m * chirp.frequencies_hz / SPEED_OF_LIGHT_M_PER_S)
     h = (h / (range_m * (range_m + RADIUS_M))).astype(np.complex64)
-    measurement = Measurement(h, chirp, aperture)
     bottom_m, top_m = CENTER_M[2] - 0.02, CENTER_M[2] + RADIUS_M + 0.04
-    quadrant = Grid.box([0, 0, bottom_m], [0.04, 0.04, top_m], EDGE_M)
-    image = backproject(measurement, quadrant).astype(np.complex128)
-    # Every sensor votes for the direction towards itself, as far as its echo is in phase with the sum:
-    # sum over k of Re(s_k conj(S)) / |S| (p_k - v), and sum s_k p_k is the image of h p_k. p_z is zero.
-    moments = [
-        backproject(replace(measurement, h=h * aperture.tx_m[:, axis, None].astype(np.float32)), quadrant)
-        for axis in (0, 1)
-    ]
-    phase = image.conj() / np.abs(image)
-    votes = np.stack([(phase * moment).real for moment in moments] + [np.zeros(image.shape)], axis=-1)
-    position = np.stack(np.meshgrid(quadrant.x, quadrant.y, quadrant.z, indexing="ij"), axis=-1)
-    normals = votes - position * np.abs(image)[..., None]
-    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-    for axis, flip in ((0, (-1, 1, 1)), (1, (1, -1, 1))):
-        mirrored = [
-            np.flip(field, axis).take(range(field.shape[axis] - 1), axis) for field in (image, normals)
-        ]
-        image = np.concatenate([mirrored[0], image], axis)
-        normals = np.concatenate([mirrored[1] * flip, normals], axis)
     grid = Grid.box([-0.04, -0.04, bottom_m], [0.04, 0.04, top_m], EDGE_M)
-    return Sphere(grid, image.astype(np.complex64), normals.astype(np.float32))
+    found = focus(Measurement(h, chirp, aperture), grid)
+    return Sphere(grid, found.image, found.normals)
 
 
 def reference_level_m(sphere, component, potential):
