@@ -11,7 +11,7 @@ choice    the level whose simulated echo fits the measured one                  
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -40,7 +40,7 @@ from waveformer.model.surfaces import (
     voxel_points,
 )
 from waveformer.model.threshold import SpecularMask, specular_mask
-from waveformer.model.uncertainty import column_ratio
+from waveformer.model.uncertainty import UncertaintyTest, column_ratio
 from waveformer.simulator.focus import Focus, focus
 from waveformer.simulator.grid import Grid
 from waveformer.simulator.measurement import Measurement
@@ -53,6 +53,7 @@ class ProposalSettings(BaseModel):
         spacing_m: edge of a voxel.
         field: "breadth_first" is the paper's integration, "least_squares" a weighted Poisson equation.
         selection: how a level is chosen.
+        uncertainty: the paper's test of the chosen cloud.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -60,6 +61,7 @@ class ProposalSettings(BaseModel):
     spacing_m: float = Field(default=3e-3, gt=0.0, le=0.01)
     field: Literal["breadth_first", "least_squares"] = "breadth_first"
     selection: SelectionSettings = SelectionSettings()
+    uncertainty: UncertaintyTest = UncertaintyTest()
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +77,7 @@ class Proposal:
         selection: the chosen levels; None without components.
         reason: why there is no surface; "" otherwise.
         warnings: what the user should know about the scan.
+        uncertain: whether the chosen cloud fails the paper's test; True without one.
     """
 
     focus: Focus | None
@@ -85,6 +88,7 @@ class Proposal:
     selection: Selection | None = None
     reason: str = ""
     warnings: tuple[str, ...] = ()
+    uncertain: bool = True
 
     @property
     def chosen_m(self) -> tuple[float | None, ...]:
@@ -175,7 +179,8 @@ def propose_surfaces(
     selection = select_levels(stacks, [len(at) for at in levels_m], measurement, settings.selection, rng=rng)
     reason = selection.note if selection.is_empty else ""
     noted = tuple(note for note in (mask.reason, selection.note) if note and note != reason)
-    return Proposal(focused, mask, fields, levels_m, stacks, selection, reason, (*warnings, *noted))
+    proposal = Proposal(focused, mask, fields, levels_m, stacks, selection, reason, (*warnings, *noted))
+    return replace(proposal, uncertain=settings.uncertainty.is_uncertain(proposal.column_ratio()))
 
 
 def _field(

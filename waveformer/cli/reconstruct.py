@@ -97,6 +97,7 @@ def reconstruct(
         "components": len(proposal.fields),
         "chosen_m": list(proposal.chosen_m),
         "column_ratio": proposal.column_ratio() if proposal.fields else None,
+        "uncertain": proposal.uncertain,
         "seconds": round(seconds, 3),
         "warnings": list(proposal.warnings),
     }
