@@ -1,7 +1,8 @@
 """Permittivity and roughness of a known shape at a known place, from ten random starts on each object.
 
-One antenna and four receivers, up to 40 cm apart: a monostatic radar meets every glint at normal incidence, where
-permittivity and roughness change the level alike; wide pairs see them apart.
+One antenna and four receivers, up to 80 cm apart: a monostatic radar meets every glint at normal incidence, where
+permittivity and roughness change the level alike; wide pairs see them apart. By the linearised model 40 cm would leave
+deviations of 3 %, 80 cm leave 2 % or less.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from waveformer.simulator.least_squares import fit
 
 TRIALS = 10
 LOSS_TANGENT = 0.01
-OFFSETS_M = np.array([[0.0, 0.0, 0.0], [0.4, 0.0, 0.0], [0.0, 0.4, 0.0], [-0.4, 0.0, 0.0]])
+OFFSETS_M = np.array([[0.0, 0.0, 0.0], [0.8, 0.0, 0.0], [0.0, 0.8, 0.0], [-0.8, 0.0, 0.0]])
 LIMITS = {"permittivity": 0.05, "roughness": 0.10}
 
 
