@@ -14,7 +14,7 @@ from waveformer.model.imaging_volume import Volume
 from waveformer.model.proposal import propose_surfaces
 from waveformer.simulator import Aperture, Chirp, Grid, Measurement, simulate
 from waveformer.simulator.direct_image import direct_image
-from waveformer.simulator.focus import Focus, focus
+from waveformer.simulator.focusing import Focus, focus
 from waveformer.simulator.mesh import SurfaceMesh, load_mesh
 
 CHIRP = Chirp(start_hz=77.5001e9, bandwidth_hz=3.0009e9, num_samples=64)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from waveformer.model.components import connected_components
 from waveformer.model.threshold import Background, specular_mask
 from waveformer.simulator.errors import RadarError
-from waveformer.simulator.focus import focus
+from waveformer.simulator.focusing import focus
 from waveformer.simulator.grid import Grid
 from waveformer.simulator.measurement import Measurement
 

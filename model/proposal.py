@@ -41,7 +41,7 @@ from waveformer.model.surfaces import (
 )
 from waveformer.model.threshold import SpecularMask, specular_mask
 from waveformer.model.uncertainty import UncertaintyTest, column_ratio
-from waveformer.simulator.focus import Focus, focus
+from waveformer.simulator.focusing import Focus, focus
 from waveformer.simulator.grid import Grid
 from waveformer.simulator.measurement import Measurement
 

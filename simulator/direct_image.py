@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from waveformer.simulator.focus import Focus, normals_of, summed_axes
+from waveformer.simulator.focusing import Focus, normals_of, summed_axes
 from waveformer.simulator.grid import Grid
 from waveformer.simulator.measurement import Measurement
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S

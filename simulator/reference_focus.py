@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from waveformer.simulator.focus import Focus
+from waveformer.simulator.focusing import Focus
 from waveformer.simulator.grid import Grid
 from waveformer.simulator.measurement import Measurement
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S

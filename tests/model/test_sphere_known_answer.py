@@ -16,7 +16,7 @@ from waveformer.model.potential import integrate_breadth_first, integrate_least_
 from waveformer.model.surfaces import PotentialField, surface_points, voxel_points
 from waveformer.model.threshold import specular_mask
 from waveformer.model.voxels import voxel_positions_m
-from waveformer.simulator.focus import focus
+from waveformer.simulator.focusing import focus
 from waveformer.simulator.grid import Grid
 from waveformer.simulator.measurement import Measurement
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Aperture, Chirp

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from waveformer.simulator import Aperture, Chirp, Grid, Measurement, RadarError, simulate_points
-from waveformer.simulator.focus import Focus, focus
+from waveformer.simulator.focusing import Focus, focus
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S
 from waveformer.simulator.reference_focus import dense_focus
 
@@ -148,7 +148,7 @@ def test_the_number_of_threads_does_not_show(tmp_path) -> None:
     program = """
 import sys, numpy as np
 from waveformer.simulator import Aperture, Chirp, Grid, simulate_points
-from waveformer.simulator.focus import focus
+from waveformer.simulator.focusing import focus
 scan = simulate_points([[0.0, 0.0, -0.34]], [1e-3], Chirp(77.5e9, 3e9, 16), Aperture.planar_grid(12, 12, 0.01))
 np.save(sys.argv[1], focus(scan, Grid.box((-0.02, -0.02, -0.35), (0.02, 0.02, -0.32), 0.004)).image)
 """
