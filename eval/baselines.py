@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from waveformer.eval.swept_walls import Columns
 from waveformer.eval.truth_cloud import finite_points
-from waveformer.model.threshold import Background, specular_mask
 from waveformer.model.voxels import voxel_positions_m
 from waveformer.simulator.errors import RadarError
 from waveformer.simulator.grid import Grid
@@ -42,13 +41,6 @@ def backprojection_cloud(
     if not np.isfinite(magnitude).all():
         raise RadarError(f"the image holds {int((~np.isfinite(magnitude)).sum())} non-finite voxels")
     return voxel_positions_m(grid, np.argwhere(magnitude > share * magnitude.max()))
-
-
-def backprojection_li_cloud(
-    image: NDArray[np.complex64], grid: Grid, background: Background | None = None
-) -> NDArray[np.float64]:
-    """Centres of the voxels that mmNorm keeps, by Li's threshold; see `specular_mask`."""
-    return voxel_positions_m(grid, np.argwhere(specular_mask(image, grid, background).mask))
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from waveformer.model.components import connected_components
 from waveformer.model.threshold import Background, specular_mask
+from waveformer.model.voxels import voxel_edges_m
 from waveformer.simulator.errors import RadarError
 from waveformer.simulator.focusing import focus
 from waveformer.simulator.grid import Grid
@@ -81,7 +82,7 @@ def sample_background(
     # one block: a block's own cost is that of many cells
     image = focus(measurement, grid, normals=False, where=where, cells_per_edge=max(counts)).image
     magnitude = np.abs(image[where])
-    per_sample = _CUBES_PER_GROUP_EDGE**3 * _BACKGROUND_SPACING_M**3 / _voxel_m3(crop)
+    per_sample = _CUBES_PER_GROUP_EDGE**3 * _BACKGROUND_SPACING_M**3 / float(np.prod(voxel_edges_m(crop)))
     # without positions: reflections far from the crop are cut off with it and must not raise the threshold further
     return Background(magnitude, np.full(len(magnitude), per_sample))
 
@@ -131,7 +132,3 @@ def crop_grid(crop: Volume, volume: Volume, spacing_m: float) -> Grid:
 
 def _axes(grid: Grid) -> tuple[NDArray[np.float64], ...]:
     return grid.x, grid.y, grid.z
-
-
-def _voxel_m3(grid: Grid) -> float:
-    return float(np.prod([np.ptp(axis) / max(1, len(axis) - 1) for axis in _axes(grid)]))

@@ -95,9 +95,8 @@ def measured_profiles(
     """
     chirp = measurement.chirp
     range_m, column = window.lattice()
-    bias = np.exp(2j * np.pi * chirp.frequencies_hz * measurement.range_bias_m / SPEED_OF_LIGHT_M_PER_S)
     offset = 4.0 * np.pi * (chirp.frequencies_hz - chirp.center_hz) / SPEED_OF_LIGHT_M_PER_S
-    matrix = bias[:, None] * np.exp(1j * offset[:, None] * range_m) / chirp.num_samples
+    matrix = measurement.bias_correction[:, None] * np.exp(1j * offset[:, None] * range_m) / chirp.num_samples
     profile = measurement.h[rows] @ matrix.astype(np.complex64)
     return np.asarray(np.take_along_axis(profile, column, axis=1))
 

@@ -65,7 +65,6 @@ def _range_span(corners_m: NDArray[np.float64], sides: list[NDArray[np.float64]]
 def _profiles(measurement: Measurement, rows: slice, ranges_m: NDArray[np.float64]) -> NDArray[np.complex64]:
     """sum_t h[n, t] exp(+j 4 pi (f_t - f_c) r / c) at the given ranges, known bias taken out, shape (n, R)."""
     chirp = measurement.chirp
-    bias = np.exp(2j * np.pi * chirp.frequencies_hz * measurement.range_bias_m / SPEED_OF_LIGHT_M_PER_S)
     offsets_hz = chirp.frequencies_hz - chirp.center_hz
     steering = np.exp(4j * np.pi * offsets_hz[:, None] * ranges_m / SPEED_OF_LIGHT_M_PER_S)
-    return np.asarray((measurement.h[rows] * bias) @ steering, dtype=np.complex64)
+    return np.asarray((measurement.h[rows] * measurement.bias_correction) @ steering, dtype=np.complex64)

@@ -142,8 +142,7 @@ def _range_bins_of(
 ) -> NDArray[np.complex64]:
     """Adjoint of the range bins of some antennas, shape (n, count * moments), known bias taken out."""
     chirp = measurement.chirp
-    bias = np.exp(2j * np.pi * chirp.frequencies_hz * measurement.range_bias_m / SPEED_OF_LIGHT_M_PER_S)
-    h = measurement.h[rows] * bias.astype(np.complex64)
+    h = measurement.h[rows] * measurement.bias_correction.astype(np.complex64)
     h *= reference_phase(chirp, measurement.aperture, rows, ranges.center_m).conj()
     return np.asarray(h @ ranges.to_samples.conj().T)
 

@@ -86,15 +86,15 @@ def backproject(
     activate()
     from waveformer.simulator.image_blocks import BlockOperator
 
-    bias = np.exp(2j * np.pi * chirp.frequencies_hz * measurement.range_bias_m / SPEED_OF_LIGHT_M_PER_S)
+    bias = measurement.bias_correction.astype(np.complex64)
     image = np.empty(grid.shape, dtype=np.complex64)
     done = 0
     for block in _with_one_blas_thread(grid_blocks(grid, chirp, aperture)):
         operator = BlockOperator(block, aperture)
         for tile in block.tiles:
-            h = measurement.h[tile.rows] * bias.astype(np.complex64)
+            h = measurement.h[tile.rows] * bias
             h = h * reference_phase(chirp, aperture, tile.rows, block.ranges.center_m).conj()
-            operator.add_adjoint(tile, h @ block.ranges.to_samples.conj().T)
+            operator.add_adjoint(tile, np.asarray(h @ block.ranges.to_samples.conj().T, dtype=np.complex64))
         flat = np.empty(len(block.order), dtype=np.complex64)
         flat[block.order] = operator.image()
         image[block.slices] = flat.reshape(block.shape)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from waveformer.simulator.errors import RadarError, StoreError
-from waveformer.simulator.radar import Aperture, Chirp
+from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Aperture, Chirp
 from waveformer.simulator.zarr_store import StoredArray, read_store, write_store
 
 MEASUREMENT_FORMAT = "waveformer.measurement"
@@ -54,6 +54,12 @@ class Measurement:
         object.__setattr__(self, "h", h)
         object.__setattr__(self, "range_bias_m", float(self.range_bias_m))
         object.__setattr__(self, "metadata", plain_metadata(self.metadata))
+
+    @property
+    def bias_correction(self) -> NDArray[np.complex128]:
+        """Factor on every sample that takes the known range bias out of h, shape (T,)."""
+        turns = self.chirp.frequencies_hz * (self.range_bias_m / SPEED_OF_LIGHT_M_PER_S)
+        return np.asarray(np.exp(2j * np.pi * turns))
 
     def range_profile(self, oversampling: int = 4) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
         """Magnitude over range, without a window: an echo ``a * exp(-j 2 pi f tau)`` peaks at ``|a|``.

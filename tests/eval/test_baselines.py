@@ -6,13 +6,11 @@ import trimesh
 
 from waveformer.eval.baselines import (
     backprojection_cloud,
-    backprojection_li_cloud,
     extrude_to_support,
     mirror,
 )
 from waveformer.eval.metrics import score_reconstruction
 from waveformer.eval.truth_cloud import TruthCloud
-from waveformer.model.threshold import specular_mask
 from waveformer.simulator.errors import MeshError, RadarError
 from waveformer.simulator.grid import Grid
 
@@ -35,18 +33,9 @@ def test_voxels_above_a_share():
     assert len(backprojection_cloud(image, GRID, 0.5)) == 1
 
 
-def test_li_keeps_what_mmnorm_keeps(rng):
-    image = (rng.normal(size=GRID.shape) ** 4).astype(np.complex64)
-    mask = specular_mask(image, GRID).mask
-    cloud = backprojection_li_cloud(image, GRID)
-    assert 0 < len(cloud) == mask.sum() < mask.size
-    np.testing.assert_allclose(cloud[0, 0], GRID.x[np.argwhere(mask)[0, 0]])
-
-
 def test_a_dark_image_has_no_cloud():
     dark = np.zeros(GRID.shape, np.complex64)
     assert backprojection_cloud(dark, GRID).shape == (0, 3)
-    assert backprojection_li_cloud(dark, GRID).shape == (0, 3)
 
 
 def test_bad_images_are_refused():

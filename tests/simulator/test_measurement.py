@@ -136,3 +136,14 @@ def test_range_profile_peaks_at_range_and_amplitude():
     assert abs(axis_m[peak] - range_m) <= CHIRP.range_bin_m / 32 + 1e-12  # half a profile step
     # The Dirichlet kernel is down by (pi x)^2 / 6 at x = 1/32 bin: 0.16 %.
     assert magnitude[0, peak] == pytest.approx(amplitude, rel=2e-3)
+
+
+def test_bias_correction_leaves_the_echo_of_the_true_range():
+    path_m, bias_m = 0.8, 0.1
+    late, true = (
+        np.exp(-2j * np.pi * CHIRP.frequencies_hz * path / SPEED_OF_LIGHT_M_PER_S)
+        for path in (path_m + bias_m, path_m)
+    )
+    measurement = Measurement(late[None], CHIRP, Aperture(np.zeros((1, 3))), range_bias_m=bias_m)
+    # h is single precision
+    assert np.abs(measurement.h[0] * measurement.bias_correction - true).max() < 1e-6
