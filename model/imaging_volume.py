@@ -83,7 +83,6 @@ def sample_background(
     image = focus(measurement, grid, normals=False, where=where, cells_per_edge=max(counts)).image
     magnitude = np.abs(image[where])
     per_sample = _CUBES_PER_GROUP_EDGE**3 * _BACKGROUND_SPACING_M**3 / float(np.prod(voxel_edges_m(crop)))
-    # without positions: reflections far from the crop are cut off with it and must not raise the threshold further
     return Background(magnitude, np.full(len(magnitude), per_sample))
 
 

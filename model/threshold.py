@@ -29,12 +29,10 @@ class Background:
     Attributes:
         magnitude: |S|, shape (B,).
         weight: how many voxels of the crop's spacing each stands for, shape (B,).
-        positions_m: where they lie, shape (B, 3); without them only the crop counts for the box.
     """
 
     magnitude: NDArray[np.float64]
     weight: NDArray[np.float64]
-    positions_m: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         magnitude = np.array(self.magnitude, dtype=np.float64)
@@ -49,12 +47,6 @@ class Background:
                 raise RadarError(f"background {name} must be finite and not negative")
             values.setflags(write=False)
             object.__setattr__(self, name, values)
-        if self.positions_m is not None:
-            positions = np.array(self.positions_m, dtype=np.float64)
-            if positions.shape != (len(magnitude), 3):
-                raise RadarError(f"background positions_m must have shape (B, 3), got {positions.shape}")
-            positions.setflags(write=False)
-            object.__setattr__(self, "positions_m", positions)
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +120,8 @@ def specular_mask(
 ) -> SpecularMask:
     """Voxels above Li's threshold of |S|^e over the whole volume and above 5 % of max |S|.
 
-    e is the first of 2, 2.5, 3.5, 4 whose voxels fit an oriented box of 0.03 m^3, else 4 (mmNorm).
+    e is the first of 2, 2.5, 3.5, 4 whose voxels of the crop fit an oriented box of 0.03 m^3, else 4 (mmNorm).
+    What reflects far from the crop is cut off with it and raises the threshold no further.
 
     Args:
         image: focused S, shape (X, Y, Z).
@@ -156,7 +149,7 @@ def specular_mask(
     for exponent in EXPONENTS:
         powers = [_Samples(part.values**exponent, part.weights) for part in samples]
         threshold = float(peak * _least_cross_entropy(powers) ** (1 / exponent))
-        if not box_exceeds(_kept_points(magnitude >= threshold, grid, rest, threshold), LARGEST_BOX_M3):
+        if not box_exceeds(_kept_points(magnitude >= threshold, grid), LARGEST_BOX_M3):
             break
     else:
         reason = (
@@ -193,16 +186,12 @@ def _least_cross_entropy(samples: list[_Samples]) -> float:
         threshold = (above - below) / np.log(above / below)
 
 
-def _kept_points(
-    mask: NDArray[np.bool_], grid: Grid, background: Background, threshold: float
-) -> NDArray[np.float64]:
-    """Positions that span the hull of all kept voxels: the two ends of every column, and the background."""
+def _kept_points(mask: NDArray[np.bool_], grid: Grid) -> NDArray[np.float64]:
+    """Positions that span the hull of all kept voxels: the two ends of every column."""
     columns = np.nonzero(mask.any(axis=2))
     kept = mask[columns]
     lowest, highest = kept.argmax(axis=1), kept.shape[1] - 1 - kept[:, ::-1].argmax(axis=1)
     ends = [
         np.stack([grid.x[columns[0]], grid.y[columns[1]], grid.z[end]], axis=1) for end in (lowest, highest)
     ]
-    if background.positions_m is not None:
-        ends.append(background.positions_m[(background.magnitude >= threshold) & (background.weight > 0)])
     return np.concatenate(ends)
