@@ -102,6 +102,13 @@ class Sandbox:
         with self._lock:
             self._stop()
 
+    def kill(self) -> None:
+        """End a call that runs in another thread: there it raises SandboxError "died"."""
+        child = self._child
+        if child is not None and self._owner_pid == os.getpid() and child.poll() is None:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(child.pid, signal.SIGKILL)
+
     def _ready_child(self) -> subprocess.Popen[bytes]:
         if self._owner_pid != os.getpid():
             if self._lifeline is not None:

@@ -83,7 +83,7 @@ class SurfaceMesh:
 
 
 def load_mesh(
-    source: str | os.PathLike[str] | trimesh.Trimesh | trimesh.Scene,
+    source: str | os.PathLike[str] | trimesh.Trimesh | trimesh.Scene | RawTriangles,
     *,
     fix_winding: bool = False,
     unit_m: float = 1.0,
@@ -91,7 +91,7 @@ def load_mesh(
     """Loads, checks and cleans a mesh.
 
     Args:
-        source: path of a glb, gltf, obj, off, ply or stl file, or a trimesh object.
+        source: path of a glb, gltf, obj, off, ply or stl file, a trimesh object, or what `read_triangles` read.
         fix_winding: flip closed bodies that are turned inside out instead of refusing the mesh.
         unit_m: length of the source's unit, 0.001 for millimetres.
 
@@ -102,7 +102,7 @@ def load_mesh(
     """
     if not (isinstance(unit_m, (int, float)) and np.isfinite(unit_m) and unit_m > 0):
         raise MeshError("mesh.unit", f"unit_m must be a positive number of metres, got {unit_m!r}")
-    raw = read_triangles(source)
+    raw = source if isinstance(source, RawTriangles) else read_triangles(source)
     _require_triangles(raw)
     vertices, faces = used_vertices(raw.vertices, raw.faces)
     _require_size(raw.name, largest_side(vertices), unit_m)

@@ -21,6 +21,7 @@ from waveformer.simulator.mesh_formats import (
     check_before,
     index_range,
     one_line,
+    plain_reason,
     promised_faces,
     sniff_format,
     truncated,
@@ -125,9 +126,9 @@ def _parse(path: Path, name: str, file_format: str, data: bytes) -> RawTriangles
             "mesh.unreadable", f"{name}: too large or too deeply nested to read; simplify it"
         ) from error
     except Exception as error:  # trimesh raises whatever the broken bytes lead to
-        reason = one_line(error) or type(error).__name__
+        reason = plain_reason(error)
         if (file_format == "obj" and isinstance(error, IndexError)) or "face index" in reason:
-            raise index_range(name, reason) from error
+            raise index_range(name, "a face names a vertex that is not there") from error
         if file_format == "ply" and "unexpected length" in reason:
             reason = (
                 "its length is not what its header promises; cut off, or polygons of different corner counts"

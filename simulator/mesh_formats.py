@@ -14,7 +14,7 @@ from typing import Any
 from waveformer.simulator.errors import MeshError
 
 MESH_FORMATS = ("glb", "gltf", "obj", "off", "ply", "stl")
-_ARCHIVE_FORMATS = ("zip", "gz", "tgz", "tar", "bz2", "xz", "7z", "rar", "zst", "zae")
+ARCHIVE_FORMATS = ("zip", "gz", "tgz", "tar", "bz2", "xz", "7z", "rar", "zst", "zae")
 _ARCHIVE_MAGIC = (
     b"PK\x03\x04",
     b"\x1f\x8b",
@@ -24,13 +24,36 @@ _ARCHIVE_MAGIC = (
     b"Rar!",
     b"\x28\xb5\x2f\xfd",
 )
+_OTHER_MAGIC = {
+    b"BLENDER": "a Blender project; open it in Blender and export a mesh",
+    b"Kaydara FBX": "an FBX file; convert it to glb, obj, ply or stl",
+    b"%PDF": "a PDF document; get the file again",
+    b"\x89PNG": "a picture; get the file again",
+    b"\xff\xd8\xff": "a picture; get the file again",
+    b"version https://git-lfs": "a Git LFS pointer; fetch the file itself (git lfs pull)",
+}
+_LENGTH_WORDS = (
+    *("cannot reshape", "to unpack", "could not be read to its end", "buffer is smaller", "inhomogeneous"),
+    "setting an array element",
+)
+_CODE_WORDS = (
+    "indices must be",
+    "object has no",
+    "null byte",
+    "operand",
+    "argument",
+    "dtype",
+    "index-sized",
+    "`",
+    "axis",
+)
 _STL_HEADER_BYTES, _STL_TRIANGLE_BYTES = 84, 50
 GET_AGAIN = "get or export the file again"
 
 
 def sniff_format(name: str, suffix: str, data: bytes) -> str:
     """The format by content where it has a signature (downloads are often misnamed), else by suffix."""
-    if suffix in _ARCHIVE_FORMATS or (suffix in MESH_FORMATS and data.startswith(_ARCHIVE_MAGIC)):
+    if suffix in ARCHIVE_FORMATS or (suffix in MESH_FORMATS and _is_archive(data)):
         raise MeshError(
             "mesh.archive", f"{name}: archives are not opened; unpack it and name the mesh file inside"
         )
@@ -47,11 +70,18 @@ def sniff_format(name: str, suffix: str, data: bytes) -> str:
         raise MeshError(
             "mesh.unreadable", f"{name}: a web page, not a mesh (a failed download?); {GET_AGAIN}"
         )
+    for magic, what in _OTHER_MAGIC.items():
+        if data.startswith(magic):
+            raise MeshError("mesh.unreadable", f"{name}: not a mesh but {what}")
     if data.startswith(b"glTF"):
         return "glb"
     if data.startswith((b"ply\n", b"ply\r")):
         return "ply"
     return suffix
+
+
+def _is_archive(data: bytes) -> bool:
+    return data.startswith(_ARCHIVE_MAGIC) or data[257:262] == b"ustar"
 
 
 def check_before(file_format: str, name: str, data: bytes) -> None:
@@ -107,8 +137,8 @@ def _check_gltf(name: str, data: bytes) -> None:
     text = data
     if data.startswith(b"glTF"):
         promised_bytes = int.from_bytes(data[8:12], "little")
-        if len(data) < max(promised_bytes, 20):
-            raise truncated(name, f"it has {len(data)} of {max(promised_bytes, 20)} bytes")
+        if not 20 <= promised_bytes <= len(data):
+            raise truncated(name, f"it has {len(data)} bytes and should have {max(promised_bytes, 20)}")
         text = data[20 : 20 + int.from_bytes(data[12:16], "little")]
     try:
         required = json.loads(text).get("extensionsRequired", [])
@@ -139,6 +169,27 @@ def promised_faces(file_format: str, data: bytes) -> int:
 def _is_text(data: bytes) -> bool:
     """True unless there are zero bytes near the start, as in the triangle count of every binary STL."""
     return b"\0" not in data[:1024]
+
+
+def plain_reason(error: BaseException) -> str:
+    """What a parser's exception means to somebody who knows meshes but not the parser."""
+    text = one_line(error)
+    if isinstance(error, UnicodeDecodeError):
+        return "bytes that are not text, where the format wants text"
+    if "escapes resolver root" in text:
+        return "it names a file outside of its own folder, which is never read"
+    if isinstance(error, OSError):
+        return "another file that it needs cannot be read"
+    if number := re.search(r"(?:invalid literal for int|could not convert string to float).*: (.+)", text):
+        return f"{number[1][:40]} stands where a number must"
+    if any(words in text for words in _LENGTH_WORDS):
+        return "there is less or more data than it declares"
+    # Only the parser's own words are for people; the rest speaks of its variables.
+    if not isinstance(error, (ValueError, NotImplementedError)) or any(
+        words in text for words in _CODE_WORDS
+    ):
+        return "its content does not follow the format"
+    return text or "its content does not follow the format"
 
 
 def truncated(name: str, reason: str) -> MeshError:

@@ -13,6 +13,7 @@ import typer
 from typer.core import TyperGroup
 
 from waveformer import __version__
+from waveformer.cli import catalog as catalog_command
 from waveformer.cli import demo as demo_command
 from waveformer.cli import doctor as doctor_command
 from waveformer.cli import evaluate as evaluate_command
@@ -98,6 +99,7 @@ app.command()(reconstruct_command.reconstruct)
 app.command()(evaluate_command.evaluate)
 app.command()(view_command.view)
 app.command()(validate_command.validate)
+app.add_typer(catalog_command.app, name="catalog")
 
 
 def main() -> None:
