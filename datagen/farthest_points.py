@@ -12,6 +12,8 @@ from scipy.spatial import KDTree
 _SINGLE_POINTS = 128
 # A round chooses all points farther than this share of the farthest; smaller shares mean fewer, longer rounds.
 _ROUND_SHARE = 0.85
+# From this share of the cloud on the rest has few neighbours each and is one round.
+_LAST_ROUND = 0.4
 # A crowd far from all chosen points has too many pairs to list; a few choices inside bring all of it near.
 _LISTED_POINTS, _PAIRS_PER_POINT = 3000, 400
 
@@ -35,9 +37,10 @@ def farthest_points(points_m: NDArray[np.float64], count: int) -> NDArray[np.int
     return np.arange(len(points_m)) if len(points_m) <= count else _ordered(points_m, count)
 
 
-def farthest_order(points_m: NDArray[np.float64]) -> NDArray[np.int64]:
-    """All rows in the order in which `farthest_points` chooses them, shape (P,)."""
-    return _ordered(points_m, len(points_m)) if len(points_m) else np.arange(0)
+def farthest_order(points_m: NDArray[np.float64], count: int | None = None) -> NDArray[np.int64]:
+    """Rows in the order in which `farthest_points` chooses them, all or the first `count`, also if there are no more."""
+    count = len(points_m) if count is None else min(count, len(points_m))
+    return _ordered(points_m, count) if count else np.arange(0)
 
 
 def _ordered(points_m: NDArray[np.float64], count: int) -> NDArray[np.int64]:
@@ -63,8 +66,8 @@ def _ordered(points_m: NDArray[np.float64], count: int) -> NDArray[np.int64]:
         if farthest_m == 0.0:  # copies of chosen points are all that is left
             chosen[done:] = np.delete(np.arange(len(points_m)), chosen[:done])[: count - done]
             return chosen
-        limit_m = _ROUND_SHARE * farthest_m
-        far = np.flatnonzero(distance_m >= limit_m)
+        limit_m = _ROUND_SHARE * farthest_m if done < _LAST_ROUND * len(points_m) else 0.0
+        far = np.flatnonzero((distance_m >= limit_m) & (distance_m > 0))
         far_tree = KDTree(points_m[far]) if done >= single_until else None
         if far_tree is not None and _is_crowd(far_tree, farthest_m):
             far_tree, single_until = None, done + _SINGLE_POINTS
@@ -76,8 +79,9 @@ def _ordered(points_m: NDArray[np.float64], count: int) -> NDArray[np.int64]:
 
 
 def _is_crowd(tree: KDTree, reach_m: float) -> bool:
-    pairs = _PAIRS_PER_POINT * tree.n
-    return tree.n > _LISTED_POINTS and int(tree.count_neighbors(tree, reach_m)) > pairs
+    if tree.n <= _LISTED_POINTS:
+        return False
+    return int(tree.count_neighbors(tree, reach_m)) > _PAIRS_PER_POINT * int(tree.n)
 
 
 def _choose(
