@@ -7,6 +7,7 @@ import json
 import math
 import os
 import threading
+import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import closing, contextmanager
@@ -122,9 +123,10 @@ class _Loader:
         finally:
             self._stopping = True
             pool.shutdown(wait=False, cancel_futures=True)
-            while running and wait(running, timeout=0.05).not_done:
+            while not all(future.done() for future in running):
                 for box in self._boxes:
                     box.kill()
+                time.sleep(0.02)
             pool.shutdown(wait=True)
             for box in self._boxes:
                 box.close()

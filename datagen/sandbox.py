@@ -19,7 +19,7 @@ import time
 from types import TracebackType
 from typing import Any, Literal, Self
 
-from waveformer.simulator.errors import WaveformerError
+from waveformer.simulator.errors import SetupError, WaveformerError
 
 _START_LIMIT_S = 120.0  # for the imports of the function's module, on a busy machine
 _HEADER_BYTES = 8
@@ -65,6 +65,7 @@ class Sandbox:
 
         Raises:
             SandboxError: no result; the next call has a fresh child.
+            SetupError: the function cannot be imported within the limits.
             WaveformerError: as the function raised it, with its attributes.
         """
         with self._lock:
@@ -142,10 +143,10 @@ class Sandbox:
             kind, content = _receive(self._child, time.monotonic() + _START_LIMIT_S)
         except TimeoutError:
             self._stop()
-            raise SandboxError("timeout", f"its process did not start within {_START_LIMIT_S:g} s") from None
+            raise SetupError(f"{self.function} was not imported within {_START_LIMIT_S:g} s") from None
         if kind != "ready":
             self._stop()
-            raise SandboxError(kind, content or "memory limit below what its libraries take")
+            raise SetupError(content)
         return self._child
 
     def _obituary(self) -> str:

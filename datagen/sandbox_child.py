@@ -31,7 +31,8 @@ def main(function: str, memory_limit_bytes: int, lifeline: int) -> None:
     try:
         target: Callable[..., Any] = getattr(importlib.import_module(module), name)
     except MemoryError:
-        _answer(answers, "memory", "")
+        limit = f"{memory_limit_bytes / 1e9:g} GB"
+        _answer(answers, "error", f"cannot import {function} within {limit} of memory: allow more")
         return
     except Exception as error:  # noqa: BLE001 (whatever a module may raise)
         _answer(answers, "error", f"cannot import {function}: {_describe(error)}")

@@ -78,7 +78,7 @@ def _read_file(path: Path) -> RawTriangles:
     except (OSError, ValueError) as error:
         raise MeshError("mesh.missing", f"{one_line(path)}: no such mesh file; check the path") from error
     if not stat.S_ISREG(status.st_mode):
-        raise MeshError("mesh.unreadable", f"{one_line(path)}: not a regular file; name one mesh file")
+        raise MeshError("mesh.unreadable", f"{name}: not a regular file; name one mesh file")
     size_bytes = status.st_size
     if size_bytes > MAX_FILE_BYTES:
         raise MeshError(

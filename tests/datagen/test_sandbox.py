@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from waveformer.datagen.sandbox import Sandbox, SandboxError
-from waveformer.simulator.errors import MeshError
+from waveformer.simulator.errors import MeshError, SetupError
 
 GIGABYTE = 1_000_000_000
 JOBS = """
@@ -184,9 +184,16 @@ def test_a_pickled_copy_has_its_own_process(sandbox):
 def test_a_wrong_name_is_told(jobs, function):
     with (
         Sandbox(function, time_limit_s=5.0, memory_limit_bytes=GIGABYTE) as box,
-        pytest.raises(SandboxError, match="cannot import"),
+        pytest.raises(SetupError, match="cannot import"),
     ):
         box.call()
+
+
+def test_kill_from_another_thread_ends_the_call(sandbox):
+    sandbox.call("pid")
+    threading.Timer(0.2, sandbox.kill).start()
+    with pytest.raises(SandboxError, match="SIGKILL"):
+        sandbox.call("hang")
 
 
 def test_close_ends_the_child(sandbox):

@@ -16,7 +16,7 @@ import trimesh
 
 from waveformer.simulator.errors import MeshError
 from waveformer.simulator.mesh import SurfaceMesh, load_mesh
-from waveformer.simulator.mesh_files import MAX_FILE_BYTES
+from waveformer.simulator.mesh_files import MAX_FILE_BYTES, read_triangles
 
 FORMATS = ("stl", "ply", "obj", "off", "glb")
 
@@ -131,9 +131,36 @@ def test_a_misnamed_file_is_read_by_its_signature(tmp_path: Path) -> None:
         assert len(load_mesh(path).faces) == 320
 
 
+def test_other_files_under_a_mesh_name_are_told_apart(tmp_path: Path) -> None:
+    refused_file(tmp_path, "a.obj", b"BLENDER-v293", "mesh.unreadable", "Blender project", "export a mesh")
+    refused_file(tmp_path, "a.glb", b"\x89PNG\r\n", "mesh.unreadable", "a picture")
+    refused_file(tmp_path, "a.ply", b"version https://git-lfs.x", "mesh.unreadable", "git lfs pull")
+
+
+def test_reasons_speak_of_the_file_not_of_the_parser(tmp_path: Path) -> None:
+    buffer = b'"buffers": [{"uri": "../secret.bin", "byteLength": 9}]'
+    tree = b'{"asset": {"version": "2.0"}, %s, "bufferViews": [{"buffer": 0, "byteLength": 9}], "meshes": 7}'
+    refused_file(tmp_path, "a.gltf", tree % buffer, "mesh.unreadable", "a file outside of its own folder")
+    refused_file(tmp_path, "b.gltf", tree % b'"x": 1', "mesh.truncated", "does not follow the format")
+    text = b"v 0 0 0\nv 1 0 0\nv 0 one 0\nf 1 2 3\n"
+    refused_file(tmp_path, "c.obj", text, "mesh.truncated", "less or more data than it declares")
+    refused_file(
+        tmp_path, "d.off", b"OFF\nthree 1 0\n", "mesh.truncated", "'three' stands where a number must"
+    )
+    refused_file(tmp_path, "e.obj", b"\xff\xfe\xfa" * 50, "mesh.truncated")
+
+
+def test_what_was_read_can_be_loaded_later(tmp_path: Path) -> None:
+    path = tmp_path / "a.ply"
+    path.write_bytes(file_bytes(ball(), "ply"))
+    raw = read_triangles(path)
+    assert np.array_equal(load_mesh(raw, unit_m=0.5).vertices_m, load_mesh(path, unit_m=0.5).vertices_m)
+
+
 def test_archives_and_giants_are_refused_unread(tmp_path: Path) -> None:
     refused_file(tmp_path, "a.zip", b"PK\x03\x04", "mesh.archive", "unpack")
     refused_file(tmp_path, "a.tar.gz", b"\x1f\x8b", "mesh.archive", "unpack")
+    refused_file(tmp_path, "tar.obj", b"cup.obj".ljust(257, b"\0") + b"ustar\0v 0 0 0", "mesh.archive")
     refused_file(tmp_path, "disguised.obj", b"PK\x03\x04 and so on", "mesh.archive", "unpack")
     giant = tmp_path / "giant.stl"
     with giant.open("wb") as file:

@@ -35,6 +35,7 @@ def loaded_by(code: str) -> set[str]:
 @pytest.mark.parametrize(
     "arguments",
     [["--help"], ["--version"]]
+    + [["catalog", "scan", "--help"], ["catalog", "show", "--help"]]
     + [
         [command, "--help"] for command in ("doctor", "demo", "simulate", "twin", "image", "view", "validate")
     ],
