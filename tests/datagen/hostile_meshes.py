@@ -211,12 +211,19 @@ def _nothing_to_see(files: _Collection) -> None:
 
 
 def _indices(files: _Collection) -> None:
-    points = "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0 0.1\n"
     for name, face in (
-        *(("high", "1 2 5"), ("zero", "0 1 2"), ("negative", "-9 1 2"), ("huge", "1 2 99999999999999999999")),
+        *(
+            ("high", "1 2 43"),
+            ("zero", "0 1 2"),
+            ("negative", "-99 1 2"),
+            ("huge", "1 2 99999999999999999999"),
+        ),
         *(("fraction", "1.5 2 3"), ("text", "a b c"), ("two", "1 2"), ("slashes", "1// //2 3//")),
     ):
-        files.add(f"indices/{name}.obj", f"{points}f {face}\nf 1 2 3\n", ANY if name == "two" else REFUSED)
+        verdict = {"two": ANY, "slashes": NOT_GOOD}.get(name, REFUSED)
+        files.add(
+            f"indices/{name}.obj", encode(files.ball(), "obj").decode() + f"\nf {face}\nf 1 2 3\n", verdict
+        )
     off = encode(files.ball(), "off").decode().rstrip().rsplit(" ", 1)[0]
     for index in ("42", "-1", "99999999999"):
         files.add(f"indices/{index}.off", f"{off} {index}\n")

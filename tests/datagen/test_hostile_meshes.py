@@ -54,6 +54,30 @@ def scanned(tmp_path_factory):
     (root / "places/unreadable.stl").chmod(0o600)
 
 
+REASONS = {
+    r"cut/.*\.(stl|glb)": "cut off or damaged|the file is empty|holds no geometry",
+    r"headers/stl_\d+\.stl": "bytes more than its|a binary STL of",
+    r"nonfinite/-?(nan|inf)\..*": "vertices are not finite",
+    r"sizes/millimetres\..*": "is it in mm",
+    r"sizes/(huge|overflow)\..*": "is more than 5 m",
+    r"sizes/(needle|stray_vertex)\..*": "a needle",
+    r"sizes/plate\..*": "flat",
+    r"nothing/(empty|blank)\..*": "the file is empty",
+    r"nothing/points\..*": "a point cloud",
+    r"nothing/(one_point|line)\..*": "every face has zero area",
+    r"indices/(high|zero|negative|huge)\.obj": "a face index is out of range",
+    r"indices/[-\d]+\.ply": "a face index is out of range",
+    r"archives/.*": "archives are not opened",
+    r"other/page.*": "a web page",
+    r"other/blender.*": "a Blender project",
+    r"gltf/uri_(parent|absolute|device|endless)\.gltf": "a file outside of its own folder",
+    r"places/(pipe|socket)\.stl": "not a regular file",
+    r"places/loop.*": "leads in a circle",
+    r"places/(outside|device).*": "leads out of the catalogue's folder",
+    r"places/sparse\.stl": "more than the limit of 2 GB",
+}
+
+
 def verdict(entry):
     return "refused" if entry.reason else "repaired" if entry.problems else "good"
 
@@ -92,6 +116,14 @@ def test_reasons_are_one_plain_line(scanned):
             assert not CODE.search(line), f"{entry.path}: {line}"
             assert len(line) < 400
             assert str(catalog.root.parent) not in line
+
+
+@pytest.mark.parametrize(("paths", "words"), REASONS.items())
+def test_the_reason_is_the_right_one(scanned, paths, words):
+    _, catalog, _ = scanned
+    reasons = {entry.path: entry.reason for entry in catalog.entries if re.fullmatch(paths, entry.path)}
+    assert reasons
+    assert {path: reason for path, reason in reasons.items() if not re.search(words, reason)} == {}
 
 
 def test_none_takes_long_and_none_much_memory(scanned):

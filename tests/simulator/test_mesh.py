@@ -147,7 +147,6 @@ def test_reasons_speak_of_the_file_not_of_the_parser(tmp_path: Path) -> None:
     refused_file(
         tmp_path, "d.off", b"OFF\nthree 1 0\n", "mesh.truncated", "'three' stands where a number must"
     )
-    refused_file(tmp_path, "e.obj", b"\xff\xfe\xfa" * 50, "mesh.truncated")
 
 
 def test_what_was_read_can_be_loaded_later(tmp_path: Path) -> None:

@@ -99,9 +99,9 @@ def test_an_existing_catalogue_is_replaced_on_request_only(folder):
 
 
 def test_ctrl_c_stops_cleanly_and_the_same_command_goes_on(folder):
-    for number in range(400):
+    for number in range(150):
         mesh = trimesh.creation.icosphere(subdivisions=3, radius=50.0)
-        mesh.apply_scale([1, 1 - 0.001 * number, 0.5]).export(folder / f"meshes/more{number}.ply")
+        mesh.apply_scale([1, 1 - 0.002 * number, 0.5]).export(folder / f"meshes/more{number}.ply")
     command = [sys.executable, "-c", CLI, "catalog", "scan", "meshes", "--out", "c.parquet", "--unit", "mm"]
     command += ["--workers", "2"]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)}
@@ -110,7 +110,7 @@ def test_ctrl_c_stops_cleanly_and_the_same_command_goes_on(folder):
     )
     journal = folder / ".c.parquet.unfinished"
     deadline = time.monotonic() + 30
-    while not journal.exists() or journal.read_text().count("\n") < 20:
+    while not journal.exists() or journal.read_text().count("\n") < 5:
         assert time.monotonic() < deadline
         assert process.poll() is None
         time.sleep(0.02)
@@ -124,6 +124,6 @@ def test_ctrl_c_stops_cleanly_and_the_same_command_goes_on(folder):
     assert not (folder / "c.parquet").exists()
     kept = journal.read_text().count("\n")
     result = run("scan", "meshes", "--out", "c.parquet", "--unit", "mm")
-    assert "403 objects" in result.stdout
-    assert kept >= 20
+    assert "153 objects" in result.stdout
+    assert kept >= 5
     assert not journal.exists()
