@@ -154,6 +154,16 @@ def damaged_shards(root: Path, layout: DatasetLayout) -> list[int]:
     return found
 
 
+def quarantined_shards(root: Path, layout: DatasetLayout) -> list[int]:
+    """Shards in which a sample was given up; raises StoreError if a record is damaged."""
+    found = []
+    for shard in range(layout.num_shards):
+        record = read_commit(root, layout, shard)
+        if record is not None and any(item["status"] != COMMITTED for item in record["samples"]):
+            found.append(shard)
+    return found
+
+
 def _damaged_tables(root: Path, layout: DatasetLayout) -> list[str]:
     expected = {**layout.tables, **read_header(root)["provenance"].get("metadata_sha256", {})}
     return [

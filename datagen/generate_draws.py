@@ -14,6 +14,7 @@ from waveformer.datagen.generate_settings import (
     OccluderSettings,
     PlacementSettings,
 )
+from waveformer.datagen.resting_pose import resting_rotation
 from waveformer.simulator.front_end import FrontEnd
 from waveformer.simulator.front_end_streams import generator
 from waveformer.simulator.materials import Material
@@ -85,19 +86,15 @@ def draw_placement(
         else np.exp(rng.uniform(np.log(low), np.log(high)))
     )
     scale = float(np.clip(wanted_m, low, high)) / own_m
-    rotation = (
-        Rotation.random(random_state=rng)
-        if settings.orientation == "any"
-        else Rotation.from_euler("z", rng.uniform(0.0, 360.0), degrees=True)
-    )
-    turned = scale * rotation.apply(vertices_m)
+    rotation = _draw_rotation(vertices_m, settings.orientation, rng)
+    turned = scale * vertices_m @ rotation.T
     bottom, top = turned.min(axis=0), turned.max(axis=0)
     support_z_m = min(
         float(rng.uniform(*settings.support_z_m)), -settings.least_depth_m - float(top[2] - bottom[2])
     )
     offset = rng.uniform(*settings.offset_m, 2) * rng.choice([-1.0, 1.0], 2)
     pose = np.eye(4)
-    pose[:3, :3] = rotation.as_matrix()
+    pose[:3, :3] = rotation
     pose[:3, 3] = [*(offset - 0.5 * (bottom + top)[:2]), support_z_m - bottom[2]]
     return Placement(pose, scale, support_z_m)
 
@@ -130,3 +127,13 @@ def draw_front_end(settings: FrontEndSettings, rng: np.random.Generator) -> Fron
         row_depth_error_m=float(rng.uniform(*settings.row_depth_error_m)),
         range_bias_m=float(rng.uniform(*settings.range_bias_m)),
     )
+
+
+def _draw_rotation(
+    vertices_m: NDArray[np.float64], orientation: str, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    if orientation == "resting":
+        return resting_rotation(vertices_m, rng)
+    if orientation == "any":
+        return np.asarray(Rotation.random(random_state=rng).as_matrix())
+    return np.asarray(Rotation.from_euler("z", rng.uniform(0.0, 360.0), degrees=True).as_matrix())

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,11 +22,16 @@ from numpy.typing import NDArray
 from waveformer.datagen.catalog import CatalogEntry, load_entry
 from waveformer.datagen.dataset_layout import ArrayInfo
 from waveformer.datagen.dataset_store import read_layout
+from waveformer.datagen.farthest_points import farthest_order
 from waveformer.datagen.generate_draws import SampleSeed, draw_placement
 from waveformer.datagen.generate_settings import GenerateSettings
 from waveformer.datagen.generate_signal import make_signal
+from waveformer.datagen.partial_cloud import fixed_size
+from waveformer.datagen.partials import draw_partial, view_of
 from waveformer.datagen.surface_samples import sample_ground_truth
+from waveformer.datagen.truth_cloud import TruthCloud
 from waveformer.simulator.front_end_streams import generator
+from waveformer.simulator.mesh import SurfaceMesh
 from waveformer.simulator.radar import Aperture
 
 MAKER = f"{__name__}:make_sample"
@@ -60,7 +66,7 @@ def arrays_of(settings: GenerateSettings) -> tuple[ArrayInfo, ...]:
         ArrayInfo("pose", (4, 4), "float64", ("row", "column")),
     ]
     if variants := settings.partial_variants:
-        shape = (variants, settings.partial_points, 3)
+        shape = (variants, settings.partial.num_points, 3)
         found += [
             ArrayInfo("partial_m", shape, "float32", ("variant", "partial_point", axis), "m"),
             ArrayInfo("partial_count", (variants,), "int32", ("variant",)),
@@ -116,7 +122,9 @@ def make_sample(root: str, index: int) -> tuple[Arrays, dict[str, Any]]:
         "pose": placement.pose,
     }
     if settings.partial_variants:  # Eq. 2-3
-        partials, record["partials"] = _partials(truth_m, normals, placed, aperture, settings, seed)
+        partials, record["partials"] = _partials(
+            TruthCloud(truth_m, normals), placed, aperture, settings, seed
+        )
         arrays.update(partials)
     if settings.signal is not None:
         arrays["h"], record["signal"] = make_signal(placed, aperture, settings.signal, seed)
@@ -127,8 +135,8 @@ def write_objects(objects: ObjectTable) -> bytes:
     """The table of objects as JSON lines, the first of which names the folder of the meshes."""
     lines = [{"root": str(objects.root.resolve())}, *(dataclasses.asdict(entry) for entry in objects.entries)]
     # NaN for an unknown size is no JSON
-    clean = [{key: None if value != value else value for key, value in line.items()} for line in lines]
-    return ("\n".join(json.dumps(line, allow_nan=False) for line in clean) + "\n").encode()
+    rows = [{key: None if _is_nan(value) else value for key, value in line.items()} for line in lines]
+    return ("\n".join(json.dumps(row, allow_nan=False) for row in rows) + "\n").encode()
 
 
 def read_objects(root: Path) -> ObjectTable:
@@ -158,6 +166,31 @@ def _truth(root: str, number: int) -> tuple[NDArray[np.float64], NDArray[np.floa
     entry = objects.entries[number]
     rng = generator(settings.seed, f"truth of {entry.object_id}")
     truth = sample_ground_truth(load_entry(entry, objects.root), rng, settings.truth_points)
-    order = farthest_points(truth.points_m, settings.truth_points)
+    order = farthest_order(truth.points_m, settings.truth_points)
     assert truth.normals is not None, "sampled from a mesh"
     return truth.points_m[order], truth.normals[order]
+
+
+def _partials(
+    truth: TruthCloud, mesh: SurfaceMesh, aperture: Aperture, settings: GenerateSettings, seed: SampleSeed
+) -> tuple[Arrays, list[dict[str, Any]]]:
+    """All variants of one view, and what each has drawn."""
+    from waveformer.simulator.scene import build_scene
+
+    ranges = settings.partial
+    scene = build_scene([(mesh.vertices_m, mesh.faces)]) if ranges.visibility == "rays" else None
+    view = view_of(truth, aperture, scene, two_sided=mesh.two_sided, visibility=ranges.visibility)
+    drawn = [
+        draw_partial(view, ranges, seed.generator(f"partial {variant}"))
+        for variant in range(settings.partial_variants)
+    ]
+    fixed = [fixed_size(partial.points_m, ranges.num_points) for partial in drawn]
+    arrays = {
+        "partial_m": np.stack([cloud.points_m for cloud in fixed]),
+        "partial_count": np.array([cloud.num_valid for cloud in fixed], dtype=np.int32),
+    }
+    return arrays, [partial.parameters for partial in drawn]
+
+
+def _is_nan(value: Any) -> bool:
+    return isinstance(value, float) and math.isnan(value)

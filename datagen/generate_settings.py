@@ -6,8 +6,8 @@ import math
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
-from waveformer.datagen.partial_settings import PartialSettings
 
+from waveformer.datagen.partials import PartialSettings
 from waveformer.simulator.permittivity import PERMITTIVITIES
 
 
@@ -59,7 +59,7 @@ class PlacementSettings(_Group):
         longest_side_m: of the bounding box. Objects of known size keep theirs, cut to this range; of others it is drawn
             evenly in its logarithm.
         size_jitter: factor on a known size.
-        orientation: "any", or "upright": turned about z only.
+        orientation: "resting", as it comes to rest when it is dropped; "any"; or "upright", turned about z only.
         support_z_m: height of the plane on which it rests; lower where a high object would come closer than
             `least_depth_m`.
         offset_m: of the box's centre from the aperture's, along x and y.
@@ -68,7 +68,7 @@ class PlacementSettings(_Group):
 
     longest_side_m: PositiveSpan = (0.05, 0.35)
     size_jitter: PositiveSpan = (0.9, 1.1)
-    orientation: Literal["any", "upright"] = "any"
+    orientation: Literal["resting", "any", "upright"] = "resting"
     support_z_m: Span = (-0.47, -0.43)
     offset_m: PositiveSpan = (0.0, 0.03)
     least_depth_m: float = Field(default=0.28, gt=0.0)
@@ -155,11 +155,10 @@ class GenerateSettings(_Group):
     Attributes:
         views: poses of an object.
         truth_points: of the complete surface, in farthest-point order, so that any first part covers it.
-        partial_points: most points of a partial surface.
         partial_variants: draws of Eq. 2-3 and noise for each view; 0 leaves partials out.
         aperture: the antennas.
         placement: pose and size.
-        partial: the draws of partials.
+        partial: ranges of partials.
         signal: raw signals; None leaves them out.
         shard_samples: samples made and committed together; None takes a size that suits the arrays.
         seed: of everything.
@@ -168,7 +167,6 @@ class GenerateSettings(_Group):
 
     views: int = Field(default=2, ge=1, le=1000)
     truth_points: int = Field(default=16_384, ge=256, le=1_000_000)
-    partial_points: int = Field(default=2048, ge=16, le=1_000_000)
     partial_variants: int = Field(default=1, ge=0, le=100)
     aperture: ApertureSettings = ApertureSettings()
     placement: PlacementSettings = PlacementSettings()

@@ -58,7 +58,7 @@ def procedural_mesh(kind: str, rng: np.random.Generator) -> trimesh.Trimesh:
         return primitives.mug(_EDGE_M, height_m=high, diameter_m=wide)
     if kind == "hammer":
         hammer = primitives.hammer(_EDGE_M)
-        hammer.apply_scale(float(rng.uniform(0.5, 1.0)))
+        hammer.apply_scale(rng.uniform(0.5, 1.0, 3))
         return hammer
     radius, wall = 0.6 * wide, 0.004
     turn = np.linspace(0.0, 0.5 * np.pi, 40)

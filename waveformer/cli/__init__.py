@@ -14,10 +14,14 @@ from typer.core import TyperGroup
 
 from waveformer import __version__
 from waveformer.cli import catalog as catalog_command
+from waveformer.cli import dataset as dataset_command
 from waveformer.cli import demo as demo_command
 from waveformer.cli import doctor as doctor_command
 from waveformer.cli import evaluate as evaluate_command
+from waveformer.cli import export as export_command
+from waveformer.cli import generate as generate_command
 from waveformer.cli import image as image_command
+from waveformer.cli import propose as propose_command
 from waveformer.cli import reconstruct as reconstruct_command
 from waveformer.cli import simulate as simulate_command
 from waveformer.cli import twin as twin_command
@@ -94,11 +98,15 @@ app.command()(doctor_command.doctor)
 app.command()(demo_command.demo)
 app.command()(simulate_command.simulate)
 app.command()(twin_command.twin)
+app.command()(generate_command.generate)
+app.command()(export_command.export)
+app.command()(propose_command.propose)
 app.command()(image_command.image)
 app.command()(reconstruct_command.reconstruct)
 app.command()(evaluate_command.evaluate)
 app.command()(view_command.view)
 app.command()(validate_command.validate)
+app.add_typer(dataset_command.app, name="dataset")
 app.add_typer(catalog_command.app, name="catalog")
 
 

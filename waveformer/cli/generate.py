@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from waveformer.cli.report import print_notes, print_result, progress
+from waveformer.cli.factory import MAX_NOTES, run_and_report
+from waveformer.cli.report import print_notes, progress
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from waveformer.cli.generate_config import GenerateConfig
     from waveformer.datagen.catalog import Catalog
-    from waveformer.datagen.factory_run import RunState
-
-_MAX_NOTES = 10
 
 
 def generate(
@@ -62,8 +56,6 @@ def generate(
     """
     from waveformer.cli.generate_config import GenerateConfig
     from waveformer.config import load_config
-    from waveformer.datagen.dataset_reader import open_dataset
-    from waveformer.datagen.factory_run import Partition, run_factory
     from waveformer.datagen.generate_run import prepare_dataset
 
     origin = {"catalog": catalog, "meshes": meshes, "procedural": procedural}
@@ -84,34 +76,15 @@ def generate(
         settings = settings.model_copy(update={"signal": None})
     chosen = _objects(settings, out)
     layout = prepare_dataset(out, chosen, settings.settings())
-    with _interruptible(out), _shown() as show:
-        state = run_factory(
-            out,
-            workers=settings.workers,
-            scheduler=scheduler,
-            partition=Partition(shard_index, num_shards),
-            progress=show,
-        )
-    given_up = open_dataset(out).quarantined if state.quarantined else {}
-    notes = [f"sample {index} quarantined: {reason}" for index, reason in given_up.items()]
-    print_notes(
-        notes[:_MAX_NOTES] + ([f"and {len(notes) - _MAX_NOTES} more"] if len(notes) > _MAX_NOTES else [])
+    run_and_report(
+        out,
+        workers=settings.workers,
+        scheduler=scheduler,
+        shard_index=shard_index,
+        num_shards=num_shards,
+        summary={"objects": len(chosen.entries), "samples": layout.num_samples},
+        json_output=json_output,
     )
-    summary = {
-        "out": str(out),
-        "objects": len(chosen.entries),
-        "samples": layout.num_samples,
-        "requested": state.requested,
-        "committed": state.committed,
-        "quarantined": state.quarantined,
-        "pending": state.pending,
-        "written": state.written,
-        "samples_per_hour": round(state.samples_per_hour),
-    }
-    text = f"{out}: {state.balance}; {state.written} made now, {state.samples_per_hour:.0f} an hour"
-    print_result(summary, text, json_output)
-    if state.pending:
-        raise typer.Exit(1)
 
 
 def _objects(settings: GenerateConfig, out: Path) -> Catalog:
@@ -145,25 +118,9 @@ def _objects(settings: GenerateConfig, out: Path) -> Catalog:
             found.write(kept)
             kept.with_suffix(".unfinished").unlink(missing_ok=True)
     refused = [entry for entry in found.entries if entry.reason]
-    print_notes([f"{entry.object_id} left out: {entry.reason}" for entry in refused[:_MAX_NOTES]])
-    if len(refused) > _MAX_NOTES:
-        print_notes([f"and {len(refused) - _MAX_NOTES} more: see waveformer catalog show"])
+    print_notes([f"{entry.object_id} left out: {entry.reason}" for entry in refused[:MAX_NOTES]])
+    if len(refused) > MAX_NOTES:
+        print_notes([f"and {len(refused) - MAX_NOTES} more: see waveformer catalog show"])
     return found.select(
         sources=objects.sources, splits=objects.splits, categories=objects.categories, limit=objects.limit
     )
-
-
-@contextmanager
-def _shown() -> Iterator[Callable[[RunState], None]]:
-    """A function that shows the state of a run."""
-    with progress("samples") as report:
-        yield lambda state: report(state.done, state.requested)
-
-
-@contextmanager
-def _interruptible(out: Path) -> Iterator[None]:
-    """Say after Ctrl-C what is kept."""
-    try:
-        yield
-    except KeyboardInterrupt as error:
-        raise KeyboardInterrupt(f"what was committed to {out} is kept: the same command goes on") from error
