@@ -6,6 +6,7 @@ the shard its offset and length (two uint64; all ones = no chunk); then a CRC-32
 
 from __future__ import annotations
 
+from io import BufferedReader
 from pathlib import Path
 from typing import Any
 
@@ -36,31 +37,36 @@ def read_sample(path: Path, info: ArrayInfo, row: int, shard_samples: int) -> ND
         StoreError: the file is damaged.
         FileNotFoundError: there is none.
     """
-    index_bytes = shard_samples * _ENTRY_BYTES + _CHECKSUM_BYTES
+    index_bytes = shard_samples * _ENTRY_BYTES
     with path.open("rb") as file:
         size = file.seek(0, 2)
-        if size < index_bytes:
+        start = size - index_bytes - _CHECKSUM_BYTES
+        if start < 0:
             raise StoreError(f"{path} is damaged: {size} bytes are less than its index")
-        file.seek(size - index_bytes)
-        index = np.frombuffer(_checked(file.read(index_bytes), path), dtype="<u8").reshape(shard_samples, 2)
+        file.seek(start)
+        index = _read_checked(file, index_bytes, path).view("<u8").reshape(shard_samples, 2)
         offset, length = index[row]
         if offset == _MISSING and length == _MISSING:
-            return info.empty(1)[0]
-        expected = info.sample_bytes + _CHECKSUM_BYTES
-        if length != expected or offset + length > size:
-            raise StoreError(f"{path} is damaged: sample {row} has {length} bytes, not {expected}")
+            missing: NDArray[Any] = info.empty(1)[0]
+            return missing
+        if length != info.sample_bytes + _CHECKSUM_BYTES or offset + length > size:
+            raise StoreError(f"{path} is damaged: sample {row} is not {info.sample_bytes} bytes long")
         file.seek(int(offset))
-        content = _checked(file.read(expected), path)
+        content = _read_checked(file, info.sample_bytes, path)
     dtype = np.dtype(info.dtype)
-    return np.frombuffer(content, dtype=dtype.newbyteorder("<")).astype(dtype).reshape(info.shape)
+    values = content.view(dtype.newbyteorder("<")).astype(dtype, copy=False)
+    return values.reshape(info.shape)
 
 
-def _checked(content: bytes, path: Path) -> bytes:
-    """The bytes before the CRC-32C at their end."""
+def _read_checked(file: BufferedReader, size: int, path: Path) -> NDArray[np.uint8]:
+    """So many bytes, which their CRC-32C follows; read into place, as copies take most of the time."""
     import google_crc32c
 
-    body, checksum = content[:-_CHECKSUM_BYTES], content[-_CHECKSUM_BYTES:]
-    if google_crc32c.value(body) != int.from_bytes(checksum, "little"):
+    body = np.empty(size, dtype=np.uint8)
+    complete = file.readinto(body.data) == size
+    fixed = body.view()
+    fixed.setflags(write=False)  # the checksum takes nothing else
+    if not complete or google_crc32c.value(fixed) != int.from_bytes(file.read(_CHECKSUM_BYTES), "little"):
         raise StoreError(
             f"{path} is damaged: its checksum differs from its content; run waveformer dataset verify"
         )
