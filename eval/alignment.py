@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from waveformer.eval.truth_cloud import TruthCloud, finite_points
+from waveformer.datagen.truth_cloud import TruthCloud, finite_points
 from waveformer.simulator.errors import MeshError
 
 MAX_ROTATION_DEG = 10.0

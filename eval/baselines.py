@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from waveformer.datagen.truth_cloud import finite_points
 from waveformer.eval.swept_walls import Columns
-from waveformer.eval.truth_cloud import finite_points
 from waveformer.model.voxels import voxel_positions_m
 from waveformer.simulator.errors import RadarError
 from waveformer.simulator.grid import Grid

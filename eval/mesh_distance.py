@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from waveformer.eval.truth_cloud import finite_points
+from waveformer.datagen.truth_cloud import finite_points
 from waveformer.simulator.mesh import SurfaceMesh
 
 

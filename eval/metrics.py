@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import KDTree
 
-from waveformer.eval.farthest_points import farthest_points
-from waveformer.eval.truth_cloud import TruthCloud, finite_points
+from waveformer.datagen.farthest_points import farthest_points
+from waveformer.datagen.truth_cloud import TruthCloud, finite_points
 from waveformer.simulator.errors import RadarError
 
 ChamferVariant = Literal["half_sum", "sum", "squared_sum"]

@@ -9,15 +9,16 @@ from typing import Any
 
 import numpy as np
 
+from waveformer.datagen.farthest_points import farthest_points
+from waveformer.datagen.surface_samples import sample_ground_truth
+from waveformer.datagen.truth_cloud import TruthCloud
 from waveformer.datagen.twin_store import TwinScan
 from waveformer.eval.alignment import Alignment, align_by_icp, known_pose
 from waveformer.eval.classes import coverage_class, size_class
-from waveformer.eval.farthest_points import farthest_points
-from waveformer.eval.ground_truth import reference_level, sample_ground_truth
+from waveformer.eval.ground_truth import reference_level
 from waveformer.eval.mesh_distance import signed_distance_m
 from waveformer.eval.methods import METHODS, MethodInput
 from waveformer.eval.metrics import MAX_POINTS, coverage, score_reconstruction
-from waveformer.eval.truth_cloud import TruthCloud
 from waveformer.model.imaging_volume import Volume
 from waveformer.model.proposal import Proposal, ProposalSettings, propose_surfaces
 from waveformer.model.voxels import voxel_positions_m

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from signals import crop_of, scans_of, sparse, with_noise, wrong_depth
 
-from waveformer.eval.ground_truth import sample_ground_truth
+from waveformer.datagen.surface_samples import sample_ground_truth
 from waveformer.eval.metrics import score_reconstruction
 from waveformer.model.confidence import fit_confidence
 from waveformer.model.proposal import propose_surfaces

@@ -5,9 +5,9 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from waveformer.datagen.surface_samples import sample_ground_truth
+from waveformer.datagen.truth_cloud import TruthCloud
 from waveformer.eval.alignment import MAX_ROTATION_DEG, MAX_SHIFT_M, align_by_icp, known_pose
-from waveformer.eval.ground_truth import sample_ground_truth
-from waveformer.eval.truth_cloud import TruthCloud
 from waveformer.simulator.errors import MeshError
 from waveformer.simulator.mesh import load_mesh
 

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 import trimesh
 
+from waveformer.datagen.truth_cloud import TruthCloud
 from waveformer.eval.baselines import (
     backprojection_cloud,
     extrude_to_support,
     mirror,
 )
 from waveformer.eval.metrics import score_reconstruction
-from waveformer.eval.truth_cloud import TruthCloud
 from waveformer.simulator.errors import MeshError, RadarError
 from waveformer.simulator.grid import Grid
 

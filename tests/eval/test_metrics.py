@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from waveformer.datagen.truth_cloud import TruthCloud
 from waveformer.eval.metrics import (
     MAX_POINTS,
     REPORTED_THRESHOLDS,
@@ -13,7 +14,6 @@ from waveformer.eval.metrics import (
     coverage,
     score_reconstruction,
 )
-from waveformer.eval.truth_cloud import TruthCloud
 from waveformer.simulator.errors import MeshError, RadarError
 
 

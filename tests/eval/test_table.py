@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from waveformer.datagen.truth_cloud import TruthCloud
 from waveformer.eval.metrics import score_reconstruction
 from waveformer.eval.table import ScoredCloud, score_table
 from waveformer.eval.table_markdown import to_markdown
-from waveformer.eval.truth_cloud import TruthCloud
 from waveformer.simulator.errors import RadarError
 
 _TRUTH = TruthCloud(np.array([(1.0, 0, 0), (-1.0, 0, 0), (0, 1.0, 0), (0, -1.0, 0)]))

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from waveformer.eval.farthest_points import farthest_points
+from waveformer.datagen.farthest_points import farthest_order, farthest_points
 
 
 def require_farthest(points, chosen):
@@ -31,6 +31,46 @@ def test_on_a_lattice_full_of_ties():
     chosen = farthest_points(points, 300)
     assert len(set(chosen.tolist())) == 300
     require_farthest(points, chosen)
+
+
+def one_by_one(points, count):
+    """The slow twin: every point is asked after every choice."""
+    chosen = [int(np.argmax(((points - points.mean(axis=0)) ** 2).sum(axis=1)))]
+    distance = np.full(len(points), np.inf)
+    while len(chosen) < count:
+        distance = np.minimum(distance, np.linalg.norm(points - points[chosen[-1]], axis=1))
+        chosen.append(int(distance.argmax()))
+    return chosen
+
+
+def crowds(rng):
+    """Two crowds, far apart and denser than all else: too many pairs to list at once."""
+    tight = 1e-4 * rng.normal(size=(8000, 3))
+    return np.concatenate([tight[:4000], tight[4000:] + [5, 0, 0], rng.normal(size=(300, 3))])
+
+
+@pytest.mark.parametrize("shape", ["volume", "sheet", "line", "crowds"])
+def test_the_choice_of_the_slow_twin(rng, shape):
+    flat = {"volume": [1.0, 1.0, 1.0], "sheet": [1.0, 0.5, 0.0], "line": [1.0, 0.0, 0.0]}
+    points = crowds(rng) if shape == "crowds" else rng.normal(size=(5000, 3)) * flat[shape]
+    assert farthest_points(points, 1500).tolist() == one_by_one(points, 1500)
+
+
+def test_an_order_holds_all_subsets(rng):
+    points = rng.normal(size=(1200, 3))
+    order = farthest_order(points)
+    assert sorted(order.tolist()) == list(range(1200))
+    for count in (1, 2, 500, 1199):
+        assert np.array_equal(order[:count], farthest_points(points, count))
+    assert farthest_order(points[:1]).tolist() == [0]
+    assert farthest_order(points[:0]).shape == (0,)
+
+
+def test_an_order_puts_copies_last(rng):
+    points = np.repeat(rng.normal(size=(400, 3)), 2, axis=0)
+    order = farthest_order(points)
+    assert sorted(order.tolist()) == list(range(800))
+    assert len(np.unique(points[order[:400]], axis=0)) == 400
 
 
 def test_all_points_where_there_are_no_more(rng):

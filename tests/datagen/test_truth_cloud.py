@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from waveformer.eval.truth_cloud import TruthCloud, finite_points
+from waveformer.datagen.truth_cloud import TruthCloud, finite_points
 from waveformer.simulator.errors import MeshError
 
 CROSS_M = np.array([(3.0, 0, 0), (-1.0, 0, 0), (1.0, 0.5, 0), (1.0, -0.5, 0)])
