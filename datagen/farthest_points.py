@@ -77,7 +77,7 @@ def _ordered(points_m: NDArray[np.float64], count: int) -> NDArray[np.int64]:
 
 def _is_crowd(tree: KDTree, reach_m: float) -> bool:
     pairs = _PAIRS_PER_POINT * tree.n
-    return tree.n > _LISTED_POINTS and int(tree.count_neighbors(tree, reach_m)) > pairs
+    return bool(tree.n > _LISTED_POINTS and tree.count_neighbors(tree, reach_m) > pairs)
 
 
 def _choose(

@@ -19,6 +19,7 @@ from waveformer.eval.ground_truth import reference_level
 from waveformer.eval.mesh_distance import signed_distance_m
 from waveformer.eval.methods import METHODS, MethodInput
 from waveformer.eval.metrics import MAX_POINTS, coverage, score_reconstruction
+from waveformer.model.confidence_default import DEFAULT_CONFIDENCE
 from waveformer.model.imaging_volume import Volume
 from waveformer.model.proposal import Proposal, ProposalSettings, propose_surfaces
 from waveformer.model.voxels import voxel_positions_m
@@ -67,6 +68,7 @@ def evaluate_scan(
         "warnings": list(proposal.warnings),
         "column_ratio": proposal.column_ratio() if len(partial) else None,
         "features": None if features is None else features._asdict(),
+        "confidence": DEFAULT_CONFIDENCE.score(features),
         "levels": _level_errors(proposal, mesh),
         "scores": [row for name in methods for row in _scores(name, given, truth)],
     }

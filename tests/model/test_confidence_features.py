@@ -105,7 +105,9 @@ def test_extent_is_the_diagonal_of_the_chosen_surface(scan: Measurement, rng: np
     assert min(diagonals) <= np.exp(features.log_extent) <= max(diagonals)
 
 
-def test_ambiguity_counts_the_levels_that_fit_nearly_as_well(scan: Measurement, rng: np.random.Generator) -> None:
+def test_ambiguity_counts_the_levels_that_fit_nearly_as_well(
+    scan: Measurement, rng: np.random.Generator
+) -> None:
     clean = features_of(scan, rng)
     depth_m = np.exp(clean.log_ambiguity + clean.log_extent)
     levels = depth_m / (float(CHIRP.wavelengths_m[0]) / 2)
