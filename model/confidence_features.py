@@ -26,6 +26,9 @@ from waveformer.simulator.measurement import Measurement
 # Disjoint groups of antennas that vote for a level.
 _GROUPS = 4
 _FLOOR_OF_FLOOR_DB = -80.0
+_LEAST_EXTENT_M = 1e-3
+# Losses up to a tenth of the way from the chosen one to the median count as nearly as good.
+_NEARLY = 0.1
 
 
 class ConfidenceFeatures(NamedTuple):
@@ -48,6 +51,9 @@ class ConfidenceFeatures(NamedTuple):
         normal_roughness: mean angle between normals of touching voxels, degrees per millimetre. Noise makes
             the field ragged before it shows in the choice.
         column_ratio: the paper's |C_xy| / |C|, which finds sheets broken up by white noise.
+        log_extent: log of the diagonal of the box around the chosen surface, metres. Errors count by the size of the
+            object: what ruins a ball is nothing on a box.
+        log_ambiguity: log of the depth over which levels fit nearly as well as the chosen one, re that diagonal.
     """
 
     misfit: float
@@ -59,6 +65,8 @@ class ConfidenceFeatures(NamedTuple):
     image_floor_db: float
     normal_roughness: float
     column_ratio: float
+    log_extent: float
+    log_ambiguity: float
 
 
 def confidence_features(
@@ -98,6 +106,9 @@ def confidence_features(
         return None
     centers = 0.5 * (measurement.aperture.tx_m + measurement.aperture.receivers_m)
     neighbours, blocks = _phase_features(selection, stacks, measurement, centers)
+    surface_m = _chosen_surface(selection, stacks).points_m
+    sides_m = np.ptp(surface_m, axis=0) if len(surface_m) else np.zeros(3)
+    extent_m = max(float(np.linalg.norm(sides_m)), _LEAST_EXTENT_M)
     return ConfidenceFeatures(
         *_loss_features(selection),
         neighbours,
@@ -106,6 +117,8 @@ def confidence_features(
         image_floor_db(image, mask),
         normal_roughness(normals, mask, grid),
         1.0 if np.isnan(ratio) else float(ratio),
+        float(np.log(extent_m)),
+        float(np.log(_ambiguity_m(selection, measurement) / extent_m)),
     )
 
 
@@ -149,6 +162,15 @@ def _loss_features(selection: Selection) -> tuple[float, float, float]:
     return float(curve[chosen]), contrast, spread
 
 
+def _ambiguity_m(selection: Selection, measurement: Measurement) -> float:
+    """Depth of the levels of the main component that fit nearly as well as its choice; levels are half a wavelength apart."""
+    component = _main_component(selection)
+    curve = selection.antenna_losses[component].mean(axis=1)
+    chosen = float(curve[selection.level_index[component]])
+    nearly = curve <= chosen + _NEARLY * max(float(np.median(curve)) - chosen, 0.0)
+    return max(int(nearly.sum()), 1) * float(measurement.chirp.wavelengths_m[0]) / 2.0
+
+
 def _phase_features(
     selection: Selection,
     stacks: Sequence[SurfaceStack],
@@ -183,18 +205,24 @@ def _profiles(
     selection: Selection, stacks: Sequence[SurfaceStack], measurement: Measurement, rows: NDArray[np.int64]
 ) -> tuple[NDArray[Any], NDArray[Any]]:
     """Measured and simulated profiles of the chosen surfaces, both (n, W)."""
-    parts = [
-        (stack.points_m[at], stack.normals[at], stack.areas_m2[at])
-        for stack, level in zip(stacks, selection.level_index, strict=True)
-        if level >= 0 and (at := stack.level == level).any()
-    ]
-    if not parts:
+    surface = _chosen_surface(selection, stacks)
+    points = surface.points_m
+    if len(points) == 0:
         nothing = np.zeros((len(rows), 1), dtype=np.complex64)
         return nothing, nothing
-    points, normals, areas = (np.concatenate(values) for values in zip(*parts, strict=True))
-    surface = SurfaceStack(points, normals, areas, np.zeros(len(points), dtype=np.int64))
     aperture, chirp = measurement.aperture, measurement.chirp
     tx_m, rx_m = aperture.tx_m[rows], None if aperture.rx_m is None else aperture.rx_m[rows]
     window = object_window(chirp, *range_limits(points.min(axis=0), points.max(axis=0), tx_m, rx_m))
     simulated = range_responses(surface, 1, tx_m, rx_m, chirp, window)[0]
     return measured_profiles(measurement, rows, window), simulated
+
+
+def _chosen_surface(selection: Selection, stacks: Sequence[SurfaceStack]) -> SurfaceStack:
+    """The chosen surfaces of all components together, as one level."""
+    parts = [
+        (stack.points_m[at], stack.normals[at], stack.areas_m2[at])
+        for stack, level in zip(stacks, selection.level_index, strict=True)
+        if level >= 0 and (at := stack.level == level).any()
+    ] or [(np.empty((0, 3)), np.empty((0, 3)), np.empty(0))]
+    points, normals, areas = (np.concatenate(values) for values in zip(*parts, strict=True))
+    return SurfaceStack(points, normals, areas, np.zeros(len(points), dtype=np.int64))

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from waveformer.model.components import connected_components
+from waveformer.model.confidence_default import DEFAULT_CONFIDENCE
 from waveformer.model.confidence_features import ConfidenceFeatures, confidence_features
 from waveformer.model.imaging_volume import (
     Volume,
@@ -121,6 +122,10 @@ class Proposal:
             self.selection, self.stacks, measurement, self.focus.grid, self.focus.image, self.focus.normals,
             self.mask.mask, self.column_ratio(),
         )  # fmt: skip
+
+    def confidence(self, measurement: Measurement) -> float:
+        """Chance, 0 .. 1, that more than 60 % of the surface's points lie on the object, see `confidence_default`."""
+        return DEFAULT_CONFIDENCE.score(self.features(measurement))
 
     def _chosen_fields(self) -> list[tuple[PotentialField, float]]:
         return [(f, at) for f, at in zip(self.fields, self.chosen_m, strict=False) if at is not None]

@@ -98,6 +98,26 @@ def test_a_clean_scan(scan: Measurement, rng: np.random.Generator) -> None:
     assert features.column_ratio == 0.5
 
 
+def test_extent_is_the_diagonal_of_the_chosen_surface(scan: Measurement, rng: np.random.Generator) -> None:
+    features = features_of(scan, rng)
+    stack = caps((0.0, 0.0, 0.0))
+    diagonals = [np.linalg.norm(np.ptp(stack.points_m[stack.level == i], axis=0)) for i in range(NUM_LEVELS)]
+    assert min(diagonals) <= np.exp(features.log_extent) <= max(diagonals)
+
+
+def test_ambiguity_counts_the_levels_that_fit_nearly_as_well(
+    scan: Measurement, rng: np.random.Generator
+) -> None:
+    clean = features_of(scan, rng)
+    depth_m = np.exp(clean.log_ambiguity + clean.log_extent)
+    levels = depth_m / (float(CHIRP.wavelengths_m[0]) / 2)
+    assert abs(levels - round(levels)) < 1e-6 and 1 <= round(levels) <= 3
+    rms = np.sqrt((np.abs(scan.h) ** 2).mean())
+    noise = (rng.normal(size=scan.h.shape) + 1j * rng.normal(size=scan.h.shape)) * 10 * rms
+    flooded = features_of(dataclasses.replace(scan, h=scan.h + noise), rng, 0.2)
+    assert np.exp(flooded.log_ambiguity) >= np.exp(clean.log_ambiguity)
+
+
 def test_white_noise(scan: Measurement, rng: np.random.Generator) -> None:
     clean = features_of(scan, rng)
     rms = np.sqrt((np.abs(scan.h) ** 2).mean())

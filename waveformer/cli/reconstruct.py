@@ -98,10 +98,13 @@ def reconstruct(
         "chosen_m": list(proposal.chosen_m),
         "column_ratio": proposal.column_ratio() if proposal.fields else None,
         "uncertain": proposal.uncertain,
+        "confidence": round(proposal.confidence(measurement), 3) if method == "mmnorm" else None,
         "seconds": round(seconds, 3),
         "warnings": list(proposal.warnings),
     }
     text = f"{out}: {len(points_m)} points in {seconds:.1f} s"
+    if summary["confidence"] is not None:
+        text += f", confidence {summary['confidence']:.2f}"
     print_result(summary, text + (f"; {picture}" if png else ""), json_output)
 
 
