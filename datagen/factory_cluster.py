@@ -57,10 +57,12 @@ def make_on_cluster(
             ready.add(_submit(client, root, shard))
         for future in ready:
             if future.status == "error":
-                error = future.exception()
-                if isinstance(error, WaveformerError):
-                    raise error
-                raise SetupError(f"workers of the cluster died or failed again and again: {error}") from error
+                failure = future.exception()
+                if isinstance(failure, WaveformerError):
+                    raise failure
+                raise SetupError(
+                    f"workers of the cluster died or failed again and again: {failure}"
+                ) from failure
             yield future.result()
             future.release()  # a result that is kept would be made again if its worker died
             for _, shard in zip(range(1), todo, strict=False):
