@@ -16,6 +16,16 @@ if TYPE_CHECKING:
 MAX_NOTES = 10
 
 
+def check_request(out: Path, shard_index: int, num_shards: int) -> None:
+    """Raise a WaveformerError for what cannot work, before anything takes time."""
+    from waveformer.datagen.factory_run import Partition
+    from waveformer.simulator.errors import StoreError
+
+    Partition(shard_index, num_shards)
+    if out.exists() and not out.is_dir():
+        raise StoreError(f"{out} is a file: name the folder of a dataset")
+
+
 def run_and_report(
     out: Path,
     *,

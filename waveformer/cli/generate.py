@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from waveformer.cli.factory import MAX_NOTES, run_and_report
+from waveformer.cli.factory import MAX_NOTES, check_request, run_and_report
 from waveformer.cli.report import print_notes, progress
 
 if TYPE_CHECKING:
@@ -58,6 +58,7 @@ def generate(
     from waveformer.config import load_config
     from waveformer.datagen.generate_run import prepare_dataset
 
+    check_request(out, shard_index, num_shards)
     origin = {"catalog": catalog, "meshes": meshes, "procedural": procedural}
     overrides: dict[str, Any] = {
         **{f"objects.{name}": value for name, value in origin.items()},

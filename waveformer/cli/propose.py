@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from waveformer.cli.factory import run_and_report
+from waveformer.cli.factory import check_request, run_and_report
 
 
 def propose(
@@ -43,6 +43,7 @@ def propose(
     from waveformer.model.propose_run import prepare_proposals
     from waveformer.model.propose_settings import ProposeSettings
 
+    check_request(out, shard_index, num_shards)
     overrides: dict[str, Any] = {
         "candidates": candidates,
         "points": points,
