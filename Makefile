@@ -9,8 +9,9 @@ help:            ## list the targets
 setup:           ## install system libraries and .venv (once; asks for nothing)
 	@bash scripts/setup.sh
 
-demo: setup      ## mesh -> raw signals -> image, into demo_out/
+demo: setup      ## mesh -> raw signals -> image, and a small dataset, into demo_out/
 	.venv/bin/waveformer demo --out demo_out
+	.venv/bin/waveformer generate configs/ci.toml --out demo_out/dataset
 
 test: setup      ## the tests, a few minutes
 	.venv/bin/pytest -m "not slow"

@@ -68,13 +68,14 @@ def bytes_per_sample(store: Path) -> dict[str, float]:
     }
 
 
-def main(catalog: Path, folder: Path, objects: int, workers: list[int]) -> None:
+def main(catalog: Path, folder: Path, objects: int, workers: list[int], names: list[str]) -> None:
     runs = {
         "partials": ["generate", "--catalog", str(catalog), "--limit", str(objects), "--partials-only"],
         "signals": ["generate", "--catalog", str(catalog), "--limit", str(objects), "--signals"],
-        "propose": ["propose", str(folder / "signals-2")],
+        "propose": ["propose", str(folder / f"signals-{max(workers)}")],
     }
-    for name, command in runs.items():
+    for name in names:
+        command = runs[name]
         for count in workers:
             store = folder / f"{name}-{count}"
             shutil.rmtree(store, ignore_errors=True)
@@ -98,6 +99,7 @@ if __name__ == "__main__":
     parser.add_argument("folder", type=Path)
     parser.add_argument("--objects", type=int, default=40)
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2])
+    parser.add_argument("--runs", nargs="+", default=["partials", "signals", "propose"])
     given = parser.parse_args()
     given.folder.mkdir(parents=True, exist_ok=True)
-    main(given.catalog, given.folder, given.objects, given.workers)
+    main(given.catalog, given.folder, given.objects, given.workers, given.runs)

@@ -1,8 +1,9 @@
-"""Which samples of a dataset are wanted: by split, object, category."""
+"""Which samples of a dataset are wanted: by split, object, category, size of their partials."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ def select_samples(
     splits: Collection[str] | None = None,
     object_ids: Collection[str] | None = None,
     categories: Collection[str] | None = None,
+    least_partial_points: int = 0,
     limit: int | None = None,
 ) -> NDArray[np.int64]:
     """Committed samples that fulfil every condition.
@@ -28,6 +30,7 @@ def select_samples(
         splits: wanted; None means all.
         object_ids: wanted; None means all.
         categories: wanted; None means all.
+        least_partial_points: that Eq. 2-3 kept in each partial; a radar may see nothing of an object.
         limit: the first so many of them; None means all.
 
     Returns:
@@ -52,6 +55,9 @@ def select_samples(
             if unknown := sorted(values - found[key]):
                 raise StoreError(f"{data.root} has no sample with {key} {unknown[0]!r}: {_named(found[key])}")
         chosen = np.array(kept, dtype=np.int64)
+    if least_partial_points > 0:
+        large = [_least_kept(data.record(index)) >= least_partial_points for index in chosen]
+        chosen = chosen[np.array(large, dtype=bool)]
     if limit is not None and limit < 1:
         raise StoreError(f"limit must be at least 1, got {limit}")
     chosen = chosen[:limit]
@@ -73,6 +79,10 @@ def known_names(data: Dataset, names: Collection[str] | None) -> tuple[str, ...]
     if not names:
         raise StoreError(f"name at least one array: {data.root} has {', '.join(data.arrays)}")
     return tuple(dict.fromkeys(names))
+
+
+def _least_kept(record: Mapping[str, Any]) -> int:
+    return min((partial["kept_points"] for partial in record.get("partials", ())), default=0)
 
 
 def _named(values: set[str]) -> str:

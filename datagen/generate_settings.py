@@ -143,7 +143,7 @@ class SignalSettings(_Group):
     """Raw signals H; leave the section out of a config for none."""
 
     chirp: ChirpSettings = ChirpSettings()
-    mode: Literal["fast", "exact"] = "fast"
+    mode: Literal["draft", "fast", "exact"] = "draft"
     material: MaterialSettings = MaterialSettings()
     occluder: OccluderSettings = OccluderSettings()
     front_end: FrontEndSettings = FrontEndSettings()

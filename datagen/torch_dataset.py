@@ -37,6 +37,7 @@ class SampleDataset(Dataset[Item]):
         splits: Collection[str] | None = None,
         object_ids: Collection[str] | None = None,
         categories: Collection[str] | None = None,
+        least_partial_points: int = 0,
     ) -> None:
         """Choose samples; see `select_samples`.
 
@@ -46,6 +47,7 @@ class SampleDataset(Dataset[Item]):
             splits: wanted; None means all.
             object_ids: wanted; None means all.
             categories: wanted; None means all.
+            least_partial_points: that Eq. 2-3 kept in each partial.
 
         Raises:
             StoreError: there is no dataset, it is damaged, or it has no such array or sample.
@@ -53,7 +55,11 @@ class SampleDataset(Dataset[Item]):
         self._data = open_dataset(store)
         self.names = known_names(self._data, arrays)
         self.indices: NDArray[np.int64] = select_samples(
-            self._data, splits=splits, object_ids=object_ids, categories=categories
+            self._data,
+            splits=splits,
+            object_ids=object_ids,
+            categories=categories,
+            least_partial_points=least_partial_points,
         )
 
     def __len__(self) -> int:

@@ -22,7 +22,7 @@ class FileLock:
 
         Raises:
             StoreError: another process, or another part of this one, has the lock.
-            OSError: the folder cannot be written.
+            OSError: the folder cannot be written, or the disk is full.
         """
         import fcntl
 
@@ -43,8 +43,12 @@ class FileLock:
             if _is_still(path, descriptor):
                 break
             os.close(descriptor)  # its last owner removed it between opening and locking
-        os.ftruncate(descriptor, 0)
-        os.write(descriptor, f"{os.getpid()}\n".encode())
+        try:
+            os.ftruncate(descriptor, 0)
+            os.write(descriptor, f"{os.getpid()}\n".encode())
+        except OSError:  # a full disk: the lock must not outlive the attempt
+            os.close(descriptor)
+            raise
         self._descriptor: int | None = descriptor
 
     def release(self) -> None:

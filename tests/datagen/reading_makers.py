@@ -60,6 +60,7 @@ def sample(root, index):
     record = {
         "object_id": f"test/{index // 2}",
         "category": ("cup", "spoon")[index // 2 % 2],
+        "partials": [{"kept_points": 500}, {"kept_points": 10 * index}],
         "split": "evaluation" if index // 2 % 3 == 2 else "train",
         "view": index % 2,
     }

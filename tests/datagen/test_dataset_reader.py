@@ -128,6 +128,8 @@ def test_selection(store):
     assert select_samples(data, splits=["evaluation"], categories=["spoon"]).tolist() == [10, 11]
     assert select_samples(data, object_ids=["test/1", "test/0"]).tolist() == [0, 1, 2]
     assert select_samples(data, limit=2).tolist() == [0, 1]
+    assert select_samples(data, least_partial_points=100).tolist() == [10, 11, 12, 13]  # see the maker
+    assert select_samples(data, least_partial_points=90, limit=2).tolist() == [9, 10]
     with pytest.raises(StoreError, match="split 'test': it has evaluation, train"):
         select_samples(data, splits=["test"])
     with pytest.raises(StoreError, match="no committed sample"):

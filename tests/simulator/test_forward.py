@@ -154,6 +154,16 @@ def test_the_fast_mode_agrees_with_the_exact_one(aperture: Aperture) -> None:
     assert difference(fast, exact) < 0.03
 
 
+@APERTURES
+def test_the_draft_mode_adds_less_than_the_pieces_cost(aperture: Aperture) -> None:
+    mug = moved(primitives.mug(0.004), 0, 0, -0.35)
+    draft, fast, exact = (simulate(mug, CHIRP, aperture, mode=mode).h for mode in ("draft", "fast", "exact"))
+    # its interpolations are bounded by 2 %; shadows come from sub-apertures twice as wide
+    assert difference(draft, fast) < 0.03
+    assert difference(draft, exact) < 0.03 + difference(fast, exact)
+    assert difference(draft, fast) > 1e-6  # another mode
+
+
 def test_a_numerics_may_stand_for_a_mode() -> None:
     assert (simulate(SCENE, CHIRP, GRID, mode=FAST).h == simulate(SCENE, CHIRP, GRID, mode="fast").h).all()
 

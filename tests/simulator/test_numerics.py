@@ -4,12 +4,13 @@ import pytest
 from pydantic import ValidationError
 
 from waveformer.simulator.errors import RadarError
-from waveformer.simulator.numerics import EXACT, FAST, Numerics, resolve_numerics
+from waveformer.simulator.numerics import DRAFT, EXACT, FAST, Numerics, resolve_numerics
 
 
 def test_modes_have_names_and_own_settings_pass_through() -> None:
     assert resolve_numerics("fast") is FAST
     assert resolve_numerics("exact") is EXACT
+    assert resolve_numerics("draft") is DRAFT
     own = Numerics(spacing_wavelengths=0.2)
     assert resolve_numerics(own) is own
 
@@ -20,7 +21,7 @@ def test_exact_mode_shares_no_shortcut_with_fast_mode() -> None:
 
 
 def test_an_unknown_mode_names_the_known_ones() -> None:
-    with pytest.raises(RadarError, match="unknown mode 'quick'; known: fast, exact"):
+    with pytest.raises(RadarError, match="unknown mode 'quick'; known: fast, exact, draft"):
         resolve_numerics("quick")
 
 

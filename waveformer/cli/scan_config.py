@@ -163,7 +163,7 @@ class SimulateConfig(Config):
     antenna: Annotated[AntennaConfig, _preset("antenna", ANTENNA_PRESETS)] | None = None
     polarization: Vector = (0.0, 1.0, 0.0)
     front_end: Annotated[FrontEnd, BeforeValidator(_front_end)] | None = None
-    mode: Literal["fast", "exact"] = "fast"
+    mode: Literal["draft", "fast", "exact"] = "fast"
     tile_positions: Annotated[int, Field(ge=1)] | None = None
     threads: Annotated[int, Field(ge=1)] | None = None
     workers: Annotated[int, Field(ge=1)] | None = None
