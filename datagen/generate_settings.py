@@ -174,7 +174,7 @@ class GenerateSettings(_Group):
     signal: SignalSettings | None = None
     shard_samples: int | None = Field(default=None, ge=1, le=4096)
     seed: int = Field(default=0, ge=0)
-    time_limit_s: float = Field(default=60.0, gt=0.0)
+    time_limit_s: float = Field(default=180.0, gt=0.0)
     memory_limit_gib: float = Field(default=6.0, gt=0.5)
 
     @model_validator(mode="after")

@@ -95,6 +95,7 @@ def make_sample(root: str, index: int) -> tuple[Arrays, dict[str, Any]]:
         "chosen_m": list(proposal.chosen_m),
         "column_ratio": proposal.column_ratio(),
         "uncertain": proposal.uncertain,
+        "confidence": proposal.confidence(measurement),
         "warnings": list(proposal.warnings),
     }
     return arrays, record

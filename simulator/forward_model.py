@@ -191,7 +191,8 @@ class ForwardModel:
             aperture.tx_m,
             aperture.receivers_m,
         )
-        spacing = self.numerics.spacing_wavelengths * SPEED_OF_LIGHT_M_PER_S / self.chirp.center_hz
+        wavelength_m = SPEED_OF_LIGHT_M_PER_S / self.chirp.center_hz
+        spacing = self.numerics.spacing_m(float(item.mesh.areas_m2[keep].sum()), wavelength_m)
         chunks = face_chunks(item.mesh, keep, spacing)
         constant = constant_response(item.material, self.surroundings)
         response = None

@@ -130,7 +130,7 @@ def freeze_target(
     keep = faces_that_can_face(
         mesh.triangles_m, mesh.normals, mesh.two_sided, aperture.tx_m, aperture.receivers_m
     )
-    spacing_m = numerics.spacing_wavelengths * SPEED_OF_LIGHT_M_PER_S / chirp.center_hz
+    spacing_m = numerics.spacing_m(float(mesh.areas_m2[keep].sum()), SPEED_OF_LIGHT_M_PER_S / chirp.center_hz)
     targets = []
     for chunk in face_chunks(mesh, keep, spacing_m):
         source = EchoSource(

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import math
+
 from pydantic import BaseModel, ConfigDict, Field
 
 from waveformer.simulator.errors import RadarError
+
+
+# Mean area of a well-shaped piece over its longest edge squared: 0.7 of an equilateral triangle's.
+_PIECE_AREA = 0.3
+_LONGEST_GROWN_WAVELENGTHS = 0.5
 
 
 class Numerics(BaseModel):
@@ -12,6 +19,8 @@ class Numerics(BaseModel):
 
     Attributes:
         spacing_wavelengths: longest edge of a surface piece, in wavelengths at the centre frequency.
+        most_samples: pieces grow, up to half a wavelength, where a target would have more of them; None lets
+            no piece grow.
         facet_wavelengths: longest edge of the rectangles into which flat box walls are cut.
         facet_taper: weigh every piece with the form factor of its own size, exp(-x/2) with
             x = (2 k sin theta)^2 times its variance: a centroid alone over-counts a piece that the
@@ -29,6 +38,7 @@ class Numerics(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     spacing_wavelengths: float = Field(default=1.0 / 3.0, gt=0.0, le=0.75)
+    most_samples: int | None = Field(default=None, gt=0)
     facet_wavelengths: float = Field(default=0.8, gt=0.0, le=1.5)
     facet_taper: bool = True
     direct: bool = False
@@ -38,12 +48,25 @@ class Numerics(BaseModel):
     probe_spacing_deg: float = Field(default=5.0, gt=0.0)
     leaf_spacing_deg: float = Field(default=1.0, gt=0.0)
 
+    def spacing_m(self, area_m2: float, wavelength_m: float) -> float:
+        """Longest edge of the pieces of a target.
+
+        Args:
+            area_m2: of the faces to be cut.
+            wavelength_m: at the centre frequency.
+        """
+        shortest_m = self.spacing_wavelengths * wavelength_m
+        if self.most_samples is None:
+            return shortest_m
+        grown_m = math.sqrt(area_m2 / (_PIECE_AREA * self.most_samples))
+        return min(max(shortest_m, grown_m), max(shortest_m, _LONGEST_GROWN_WAVELENGTHS * wavelength_m))
+
 
 FAST = Numerics()
 EXACT = Numerics(spacing_wavelengths=0.25, facet_wavelengths=0.5, direct=True, tolerance=1e-5)
 # Interpolations to 2 % and shadows from coarser sub-apertures: what this adds to the error of FAST is smaller than that of
-# the surface pieces they share, at 2.3 times its speed on the objects of a dataset.
-DRAFT = Numerics(tolerance=2e-2, probe_spacing_deg=8.0, leaf_spacing_deg=3.0)
+# the surface pieces they share. Large objects have larger pieces, since their glints are strong.
+DRAFT = Numerics(tolerance=2e-2, probe_spacing_deg=8.0, leaf_spacing_deg=3.0, most_samples=100_000)
 # Where derivatives are taken: four moments of range carry smaller cells and bins thirty times more exactly. Shadows are
 # found once for many evaluations; a first look every 5 degrees leaves 1 % of level where few antennas look into a mug.
 DIFFERENTIABLE = Numerics(cell_wavelengths=0.8, bin_wavelengths=0.5, tolerance=1e-4, probe_spacing_deg=2.5)
