@@ -72,7 +72,7 @@ def main(catalog: Path, folder: Path, objects: int, workers: list[int], names: l
     runs = {
         "partials": ["generate", "--catalog", str(catalog), "--limit", str(objects), "--partials-only"],
         "signals": ["generate", "--catalog", str(catalog), "--limit", str(objects), "--signals"],
-        "propose": ["propose", str(folder / f"signals-{max(workers)}")],
+        "propose": ["propose", str(folder / "signals-2")],
     }
     for name in names:
         command = runs[name]

@@ -26,6 +26,8 @@ from waveformer.simulator.measurement import Measurement
 MAKER = f"{__name__}:make_sample"
 SOURCE_FILE = "source.txt"
 INDICES_FILE = "indices.txt"
+# So many first points of a candidate are its farthest ones: an even cloud of it, and enough to judge it by.
+_FARTHEST = 512
 COPIED = ("truth_m", "truth_normals", "pose")
 Arrays = dict[str, NDArray[Any]]
 
@@ -61,7 +63,8 @@ def make_sample(root: str, index: int) -> tuple[Arrays, dict[str, Any]]:
     """The candidates of one signal.
 
     Candidate i is the field's level with the i-th least loss, so the chosen one is nearly always the first; components
-    other than the largest stay at their choice. Its error is the median distance of its points to the truth.
+    other than the largest stay at their choice. Its error is the median distance of its
+    first points to the truth.
 
     Args:
         root: of the proposed dataset.
@@ -128,16 +131,24 @@ def _candidates(proposal: Proposal, truth_m: NDArray[np.float64], settings: Prop
         points = np.concatenate([own, *others])
         if len(points) == 0:
             continue
-        cloud = fixed_size(points[farthest_points(points, settings.points)], settings.points)
+        cloud = fixed_size(_spread(points, settings.points), settings.points)
         found["candidate_m"][place], found["candidate_count"][place] = cloud
         found["candidate_loss"][place] = loss[level]
         found["candidate_level_m"][place] = levels_m[level]
-        found["candidate_error_m"][place] = np.median(tree.query(cloud.points_m[: cloud.num_valid])[0])
+        judged = cloud.points_m[: min(cloud.num_valid, _FARTHEST)]
+        found["candidate_error_m"][place] = np.median(tree.query(judged)[0])
         if level == selection.level_index[main]:
             found["chosen"] = np.array(place, dtype=np.int32)
     error = found["candidate_error_m"]
     found["best"] = np.array(-1 if np.isnan(error).all() else np.nanargmin(error), dtype=np.int32)
     return found
+
+
+def _spread(points_m: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """At most `count` points, the farthest ones first, then others from everywhere: levels come column by column."""
+    points_m = points_m[np.linspace(0, len(points_m) - 1, min(count, len(points_m))).astype(np.int64)]
+    first = farthest_points(points_m, _FARTHEST)
+    return np.concatenate([points_m[first], np.delete(points_m, first, axis=0)])
 
 
 def _main(proposal: Proposal) -> int:

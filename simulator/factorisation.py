@@ -5,7 +5,7 @@ Shared by the Dr.Jit kernel and its NumPy twin; holds no arithmetic of the echo 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,6 +88,7 @@ class TileWork:
         first, last: range of `members` of every cell, shape (A,).
         visibility: for the partly lit samples.
         frequency: entry of the response's frequencies.
+        node_share: how much of each member each node of the tile sees, shape (M, len(members)); None means all.
     """
 
     tile: Tile
@@ -97,6 +98,7 @@ class TileWork:
     last: NDArray[np.int64]
     visibility: TileVisibility
     frequency: int = 0
+    node_share: NDArray[np.float32] | None = None
 
 
 def tile_work(plan: Factorisation, tile: Tile, visibility: TileVisibility) -> TileWork:
@@ -105,6 +107,13 @@ def tile_work(plan: Factorisation, tile: Tile, visibility: TileVisibility) -> Ti
     last = np.cumsum(counts)
     cells = np.argsort(-counts, kind="stable")[: int(np.count_nonzero(counts))]
     return TileWork(tile, cells, visibility.lit, (last - counts)[cells], last[cells], visibility)
+
+
+def shadow_work(plan: Factorisation, tile: Tile, visibility: TileVisibility) -> TileWork:
+    """The partly lit samples of a tile as cells that its nodes see in part."""
+    nothing = np.empty(0, dtype=np.int64), np.empty((len(tile.ray_tx_m), 0), dtype=np.float16)
+    work = tile_work(plan, tile, TileVisibility(visibility.partial, *nothing))
+    return replace(work, node_share=tile.node_ray_weights @ visibility.partial_visible.astype(np.float32))
 
 
 def uneven_samples(

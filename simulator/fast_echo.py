@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import drjit as dr
@@ -18,6 +19,7 @@ from waveformer.simulator.factorisation import (
     TileWork,
     factorise,
     set_apart,
+    shadow_work,
     tile_work,
     uneven_samples,
 )
@@ -87,7 +89,7 @@ def plan_echo(
     if traced is None:
         return None
     plan, _, visibility, tiles = traced
-    return plan, _batches(plan, tiles, visibility, source.response, aperture)
+    return plan, _batches(plan, tiles, visibility, source.response, aperture, numerics.interpolate_shadows)
 
 
 def trace_source(
@@ -219,10 +221,15 @@ def _batches(
     visibility: VisibilityMap,
     response: ResponsePlan | None,
     aperture: Aperture,
+    interpolate_shadows: bool,
 ) -> Iterator[list[TileWork]]:
     """The tiles with what they see, traced while they are taken."""
     frequencies = 1 if response is None else len(response.frequencies_hz)
-    seen = (look(plan, tile, visibility, response, aperture) for tile in tiles)
+    seen: Iterable[TileWork] = (look(plan, tile, visibility, response, aperture) for tile in tiles)
+    if interpolate_shadows:
+        seen = chain.from_iterable(
+            _look_twice(plan, tile, visibility, response, aperture) for tile in tiles
+        )
     return in_batches(seen, frequencies)
 
 
@@ -242,20 +249,43 @@ def look(
     return tile_work(plan, tile, seen)
 
 
+def _look_twice(
+    plan: Factorisation,
+    tile: Tile,
+    visibility: VisibilityMap,
+    response: ResponsePlan | None,
+    aperture: Aperture,
+) -> Iterator[TileWork]:
+    """What one tile sees wholly, and what it sees in part, the latter for its nodes too."""
+    seen = visibility.of_tile(tile)
+    smooth = np.full(len(seen.partial), tile.weights is not None and tile.ray_shape is not None)
+    if response is not None:
+        uneven = uneven_samples(plan, tile, response.surroundings, response.crossings, aperture)
+        seen, smooth = set_apart(seen, uneven), smooth & ~uneven[seen.partial]
+        smooth = np.pad(smooth, (0, len(seen.partial) - len(smooth)))  # those set apart come last
+    seen, shadows = seen.divide(smooth)
+    yield tile_work(plan, tile, seen)
+    if len(shadows.partial):
+        yield shadow_work(plan, tile, shadows)
+
+
 def in_batches(tiles: Iterable[TileWork], frequencies: int) -> Iterator[list[TileWork]]:
-    """Gather tiles until the launch of their nodes is wide enough; a tile comes once a response frequency."""
-    batch: list[TileWork] = []
-    lanes = 0
+    """Gather tiles until the launch of their nodes is wide enough; a tile comes once a response frequency.
+
+    What is seen in part has launches of its own.
+    """
+    batches: dict[bool, list[TileWork]] = {False: [], True: []}
+    lanes = dict.fromkeys(batches, 0)
     for work in tiles:
         work_lanes = len(work.tile.node_tx_m) * len(work.cells)
+        kind = work.node_share is not None
         for frequency in range(frequencies):
-            if batch and lanes + work_lanes > _MAX_LANES:
-                yield batch
-                batch, lanes = [], 0
-            batch.append(replace(work, frequency=frequency))
-            lanes += work_lanes
-    if batch:
-        yield batch
+            if batches[kind] and lanes[kind] + work_lanes > _MAX_LANES:
+                yield batches[kind]
+                batches[kind], lanes[kind] = [], 0
+            batches[kind].append(replace(work, frequency=frequency))
+            lanes[kind] += work_lanes
+    yield from (batch for batch in batches.values() if batch)
 
 
 def _moments_at_nodes(
@@ -308,8 +338,29 @@ def node_lanes(plan: Factorisation, batch: list[TileWork]) -> tuple[NodeLanes, U
                 [np.full(n * c, work.frequency) for (n, c), work in zip(counts, batch, strict=True)]
             )
         ),
+        **_shares(batch, counts, members_before),
     )
     return lanes, to_device_index(np.concatenate([work.members for work in batch]))
+
+
+def _shares(
+    batch: list[TileWork], counts: list[tuple[int, int]], members_before: NDArray[np.int64]
+) -> dict[str, Any]:
+    """Table of what nodes see of samples, and where in it the row of every lane begins, less its first member."""
+    tables = [work.node_share for work in batch if work.node_share is not None]
+    if not tables:
+        return {}
+    before = np.cumsum([0, *(table.size for table in tables)])
+    begins = [
+        np.repeat(start + np.arange(nodes) * table.shape[1] - members, cells)
+        for table, start, (nodes, cells), members in zip(tables, before, counts, members_before, strict=False)
+    ]
+    # unsigned: a negative beginning wraps, and wraps back when the member is added
+    wrapped = np.concatenate(begins).astype(np.int32).view(np.uint32)
+    return {
+        "shares": to_device(np.concatenate([table.ravel() for table in tables])),
+        "share_begins": to_device_index(wrapped),
+    }
 
 
 def _tile_bins(

@@ -39,6 +39,8 @@ class NodeLanes(NamedTuple):
         centers: table of 3 floats a cell.
         first, last: range of lit samples of every cell.
         frequency: entry of the response's frequencies of every lane.
+        shares: visibility, 0 .. 1, for every node and member; None means 1.
+        share_begins: `shares` of a lane lie at this plus the index into `members`.
     """
 
     node: UInt32
@@ -49,6 +51,8 @@ class NodeLanes(NamedTuple):
     first: UInt32
     last: UInt32
     frequency: UInt32
+    shares: Float | None = None
+    share_begins: UInt32 | None = None
 
 
 def cell_moments(
@@ -96,6 +100,8 @@ def cell_moments(
         back = None if receive is None else leg(receive, receive_range, point, normal)
         out = leg(transmit, transmit_range, point, normal)
         amplitude, excess, cosine = echo(out, back, tail.z, tail.w, two_sided)
+        if lanes.shares is not None:
+            amplitude = amplitude * dr.gather(Float, lanes.shares, lanes.share_begins + index)
         turns = excess * turns_per_metre
         if path is not None:
             turns = turns + dr.dot(path.gradient_imaginary, point) * (0.5 / np.pi)

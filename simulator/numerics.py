@@ -30,6 +30,9 @@ class Numerics(BaseModel):
         cell_wavelengths: edge of the cells of samples that the factorised kernel sums as one.
         bin_wavelengths: width of its range bins.
         tolerance: bound on the relative error of every interpolation in the factorised kernel.
+        interpolate_shadows: evaluate cells that a tile sees in part at its nodes too, each sample weighted by what
+            the node sees of it; otherwise such samples are summed pair by pair. The edge of a shadow that crosses a
+            cell changes its moments smoothly, though not within `tolerance`.
         probe_spacing_deg: angle between neighbouring sub-apertures of the first visibility pass, seen
             from the object.
         leaf_spacing_deg: the same where the first pass saw visibility change.
@@ -45,6 +48,7 @@ class Numerics(BaseModel):
     cell_wavelengths: float = Field(default=2.0, gt=0.0, le=4.0)
     bin_wavelengths: float = Field(default=1.0, gt=0.0, le=2.0)
     tolerance: float = Field(default=1e-3, gt=0.0, lt=0.1)
+    interpolate_shadows: bool = False
     probe_spacing_deg: float = Field(default=5.0, gt=0.0)
     leaf_spacing_deg: float = Field(default=1.0, gt=0.0)
 
@@ -64,9 +68,16 @@ class Numerics(BaseModel):
 
 FAST = Numerics()
 EXACT = Numerics(spacing_wavelengths=0.25, facet_wavelengths=0.5, direct=True, tolerance=1e-5)
-# Interpolations to 2 % and shadows from coarser sub-apertures: what this adds to the error of FAST is smaller than that of
-# the surface pieces they share. Large objects have larger pieces, since their glints are strong.
-DRAFT = Numerics(tolerance=2e-2, probe_spacing_deg=8.0, leaf_spacing_deg=3.0, most_samples=100_000)
+# For datasets: interpolations to 4 %, edges of shadows interpolated too, shadows from coarser sub-apertures, and larger
+# pieces of large objects, whose glints are strong. It differs from FAST by less than FAST from the limit of small pieces.
+DRAFT = Numerics(
+    cell_wavelengths=1.5,
+    tolerance=4e-2,
+    interpolate_shadows=True,
+    probe_spacing_deg=8.0,
+    leaf_spacing_deg=3.0,
+    most_samples=100_000,
+)
 # Where derivatives are taken: four moments of range carry smaller cells and bins thirty times more exactly. Shadows are
 # found once for many evaluations; a first look every 5 degrees leaves 1 % of level where few antennas look into a mug.
 DIFFERENTIABLE = Numerics(cell_wavelengths=0.8, bin_wavelengths=0.5, tolerance=1e-4, probe_spacing_deg=2.5)

@@ -55,10 +55,11 @@ def _moments_at_nodes(
 ) -> NDArray[np.complex128]:
     """Stage 1: moments of the lit samples of every cell at every node of the tile."""
     tile, ranges = item.tile, plan.ranges
-    members = np.concatenate(
-        [item.members[first:last] for first, last in zip(item.first, item.last, strict=True)]
+    columns = np.concatenate(
+        [np.arange(first, last) for first, last in zip(item.first, item.last, strict=True)]
         or [np.empty(0, dtype=np.int64)]
     )
+    members = item.members[columns]
     counts = item.last - item.first
     starts = np.cumsum(counts) - counts
     centers = np.repeat(plan.cells.centers_m[item.cells], counts, axis=0)
@@ -71,6 +72,8 @@ def _moments_at_nodes(
             plan.taper[members], tx_m, rx_m, two_sided,
         )  # fmt: skip
         to_center = 0.5 * (np.linalg.norm(tx_m - centers, axis=1) + np.linalg.norm(rx_m - centers, axis=1))
+        if item.node_share is not None:
+            amplitude = amplitude * item.node_share[node, columns]
         excess = range_m - to_center
         value = amplitude * np.exp(-4j * np.pi / ranges.wavelength_m * excess)
         value = value * _response(

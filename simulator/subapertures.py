@@ -41,6 +41,13 @@ class Tile:
     ray_weights: NDArray[np.float32]
     ray_shape: tuple[int, ...] | None
 
+    @property
+    def node_ray_weights(self) -> NDArray[np.float32]:
+        """Interpolation from the lattice of ray positions to the nodes, shape (M, L)."""
+        assert self.ray_shape is not None, "rows that stand alone have no lattice"
+        low, side = self.ray_tx_m.min(axis=0), np.ptp(self.ray_tx_m, axis=0)
+        return _multilinear(self.node_tx_m, low, side, self.ray_shape)
+
     def split(self, max_positions: int | None) -> list[Tile]:
         """Parts with at most `max_positions` rows that keep all nodes, so the echo stays the same."""
         count = len(self.rows)
@@ -184,18 +191,31 @@ def _ray_positions(
     lattice point would move it by up to half a spacing.
     """
     low, side = positions.min(axis=0), np.ptp(positions, axis=0)
-    axes, weights = [], np.ones((len(positions), 1))
+    axes = []
     for axis in range(positions.shape[1]):
         # odd, so that every second point spans the box; a thin box needs no second layer
         count = (
             2 * int(np.ceil(0.5 * side[axis] / spacing_m - 1e-9)) + 1 if side[axis] > 0.25 * spacing_m else 1
         )
         axes.append(low[axis] + side[axis] * (np.linspace(0.0, 1.0, count) if count > 1 else np.array([0.5])))
+    lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    shape = tuple(len(axis) for axis in axes)
+    return lattice, _multilinear(positions, low, side, shape), shape
+
+
+def _multilinear(
+    positions: NDArray[np.float64],
+    low: NDArray[np.float64],
+    side: NDArray[np.float64],
+    shape: tuple[int, ...],
+) -> NDArray[np.float32]:
+    """Weights (n, L) from a lattice over a box to positions inside it."""
+    weights = np.ones((len(positions), 1))
+    for axis, count in enumerate(shape):
         scaled = (positions[:, axis] - low[axis]) / (side[axis] if count > 1 else 1.0) * (count - 1)
         along = np.maximum(0.0, 1.0 - np.abs(scaled[:, None] - np.arange(count)))
         weights = (weights[:, :, None] * along[:, None, :]).reshape(len(positions), -1)
-    lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    return lattice, weights.astype(np.float32), tuple(len(axis) for axis in axes)
+    return weights.astype(np.float32)
 
 
 def probe_rows(aperture: Aperture, spacing_m: float) -> NDArray[np.int64]:

@@ -34,6 +34,14 @@ class TileVisibility:
     partial: NDArray[np.int64]
     partial_visible: NDArray[np.float16]
 
+    def divide(self, chosen: NDArray[np.bool_]) -> tuple[TileVisibility, TileVisibility]:
+        """Two parts: the lit samples with the partial ones that are not chosen, and the chosen partial ones; (P,)."""
+        nobody = np.empty(0, dtype=np.int64)
+        return (
+            TileVisibility(self.lit, self.partial[~chosen], self.partial_visible[:, ~chosen]),
+            TileVisibility(nobody, self.partial[chosen], self.partial_visible[:, chosen]),
+        )
+
 
 def _patches(samples: SurfaceSamples, extent_m: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Patch of every sample (S,), and one sample for every patch: neighbours that face the same way."""

@@ -39,6 +39,11 @@ def undisturbed(tmp_path_factory):
         os.environ["PYTHONPATH"] = before
 
 
+def commits(root):
+    """When each commit record was written, by name."""
+    return {path.name: path.stat().st_mtime_ns for path in (root / "commit").glob("*.json")}
+
+
 def test_a_run_makes_every_sample(undisturbed):
     data = open_dataset(undisturbed)
     assert data.indices.tolist() == list(range(14)) and not data.quarantined and data.num_pending == 0
@@ -146,23 +151,36 @@ def test_two_runs_at_once_share_the_work(tmp_path, undisturbed):
     assert digests(root) == digests(undisturbed)
 
 
-def test_killed_runs_go_on(tmp_path, rng):
-    """kill -9 of the whole process group at ten random moments: nothing lost, nothing double, nothing false."""
-    undisturbed = made_dataset(tmp_path / "whole", maker="slow", num_samples=40)
-    root = new_dataset(tmp_path / "store", maker="slow", num_samples=40)
-    kills = 0
+@pytest.mark.parametrize("wanted", [3, pytest.param(10, marks=pytest.mark.slow)])
+def test_killed_runs_go_on(tmp_path, rng, capsys, wanted):
+    """kill -9 of the whole process group at random moments: nothing lost, nothing double, nothing false."""
+    samples = 12 * wanted
+    undisturbed = made_dataset(tmp_path / "whole", maker="slow", num_samples=samples)
+    root = new_dataset(tmp_path / "store", maker="slow", num_samples=samples)
+    kills, lost, false = 0, 0, 0
+    first_written = {}
     while audit(root).pending:
         run = start_run(root)
-        time.sleep(float(rng.uniform(1.5, 3.0)) if kills < 10 else 60.0)
-        if run.poll() is None:
-            os.killpg(run.pid, signal.SIGKILL)
-            kills += 1
+        goal = len(commits(root)) + int(rng.integers(0, 3))
+        while kills < wanted and run.poll() is None and len(commits(root)) < goal:
+            time.sleep(0.01)
+        if kills < wanted:
+            time.sleep(float(rng.uniform(0.0, 0.25)))
+            if run.poll() is None:
+                os.killpg(run.pid, signal.SIGKILL)
+                kills += 1
         run.communicate()
         found = audit(root)
-        assert not found.damaged
-        assert found.requested == found.committed + found.quarantined + found.pending == 40
+        assert found.requested == found.committed + found.quarantined + found.pending == samples
+        false += len(found.damaged)
+        now = commits(root)
+        lost += len(first_written.keys() - now.keys())
+        first_written = {**now, **first_written}
+    double = sum(first_written[name] != written for name, written in commits(root).items())
     sweep(root)
-    print(f"{kills} kills: {audit(root).balance}")
+    with capsys.disabled():
+        print(f"\n{kills} kills of the group: {audit(root).balance}; {lost} lost, {double} double, {false} false")
+    assert kills == wanted and (lost, double, false) == (0, 0, 0)
     assert digests(root) == digests(undisturbed)
 
 

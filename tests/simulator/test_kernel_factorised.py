@@ -13,7 +13,7 @@ from waveformer.simulator import fast_echo, primitives
 from waveformer.simulator.echo_source import EchoSource
 from waveformer.simulator.factorisation import Factorisation, TileWork, taper_scale
 from waveformer.simulator.mesh import load_mesh
-from waveformer.simulator.numerics import FAST, Numerics
+from waveformer.simulator.numerics import DRAFT, FAST, Numerics
 from waveformer.simulator.quadrature import SurfaceSamples, sample_surface
 from waveformer.simulator.radar import SPEED_OF_LIGHT_M_PER_S, Aperture, Chirp
 from waveformer.simulator.reference import dense_echo
@@ -26,6 +26,7 @@ pytestmark = pytest.mark.usefixtures("mitsuba_variant")
 CHIRP = Chirp(77e9, 4e9, 32)
 WAVELENGTH_M = SPEED_OF_LIGHT_M_PER_S / CHIRP.center_hz
 GRID = Aperture.planar_grid(14, 12, 0.004)
+SHADOWS = FAST.model_copy(update={"interpolate_shadows": True})
 KINDS = ["monostatic", "equal offset", "irregular"]
 
 
@@ -123,10 +124,14 @@ def difference_from_dense(result: Run, whole: Aperture) -> float:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("make", [ball, bent_sheet])
-def test_the_kernel_equals_its_float64_twin(make: Any, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("make", "numerics"), [(ball, FAST), (bent_sheet, FAST), (bent_sheet, DRAFT)], ids=["ball", "sheet", "draft"]
+)
+def test_the_kernel_equals_its_float64_twin(
+    make: Any, numerics: Numerics, kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     aperture = aperture_of(kind)
-    result = run(make(), aperture, monkeypatch)
+    result = run(make(), aperture, monkeypatch, numerics)
     twin = factorised_echo(result.plan, result.work, CHIRP, aperture, result.two_sided)
     # float32 and the phasor's 1.3e-6, on terms up to some ten times larger than their sum
     assert difference(result.h, twin) < 3e-5
@@ -156,6 +161,24 @@ def test_on_an_open_sheet_with_shadows_the_kernel_equals_the_dense_sum(
     assert difference_from_dense(result, aperture) < 0.015
 
 
+@pytest.mark.parametrize("kind", ["monostatic", "equal offset"])
+def test_the_edges_of_shadows_can_be_interpolated(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    aperture = aperture_of(kind)
+    pairs = run(bent_sheet(), aperture, monkeypatch)
+    nodes = run(bent_sheet(), aperture, monkeypatch, SHADOWS)
+    assert any(item.node_share is not None for item in nodes.work)
+    assert not any(len(item.visibility.partial) for item in nodes.work)
+    # an edge that enters or leaves a cell inside a tile bends its moments; most of the echo is no edge
+    assert 1e-5 < difference(nodes.h, pairs.h) < 0.02
+
+
+def test_antennas_that_share_no_nodes_sum_shadows_pair_by_pair(monkeypatch: pytest.MonkeyPatch) -> None:
+    aperture = aperture_of("irregular")
+    pairs, nodes = (run(bent_sheet(), aperture, monkeypatch, numerics) for numerics in (FAST, SHADOWS))
+    assert difference(nodes.h, pairs.h) < 1e-5
+    assert any(len(item.visibility.partial) for item in nodes.work)
+
+
 def test_a_finer_tolerance_comes_closer_to_the_dense_sum(monkeypatch: pytest.MonkeyPatch) -> None:
     errors = []
     for tolerance in (3e-2, 1e-3):
@@ -165,13 +188,14 @@ def test_a_finer_tolerance_comes_closer_to_the_dense_sum(monkeypatch: pytest.Mon
 
 
 @pytest.mark.parametrize("tile_positions", [1, 7, 50])
+@pytest.mark.parametrize("numerics", [FAST, SHADOWS], ids=["pairs", "nodes"])
 @pytest.mark.parametrize("kind", ["monostatic", "irregular"])
 def test_splitting_tiles_changes_rounding_only(
-    kind: str, tile_positions: int, monkeypatch: pytest.MonkeyPatch
+    kind: str, numerics: Numerics, tile_positions: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     aperture = aperture_of(kind)
-    whole = run(bent_sheet(), aperture, monkeypatch)
-    split = run(bent_sheet(), aperture, monkeypatch, tile_positions=tile_positions)
+    whole = run(bent_sheet(), aperture, monkeypatch, numerics)
+    split = run(bent_sheet(), aperture, monkeypatch, numerics, tile_positions=tile_positions)
     assert difference(split.h, whole.h) < 1e-5  # float32 sums in another order
 
 

@@ -20,6 +20,16 @@ def test_exact_mode_shares_no_shortcut_with_fast_mode() -> None:
     assert EXACT.spacing_wavelengths < FAST.spacing_wavelengths
 
 
+def test_pieces_grow_with_the_object_and_no_further() -> None:
+    wavelength_m, least = 0.0038, 0.0038 / 3
+    assert FAST.spacing_m(10.0, wavelength_m) == pytest.approx(least)
+    assert DRAFT.spacing_m(0.01, wavelength_m) == pytest.approx(least)
+    assert least < DRAFT.spacing_m(0.07, wavelength_m) < 0.5 * wavelength_m
+    assert DRAFT.spacing_m(10.0, wavelength_m) == pytest.approx(0.5 * wavelength_m)
+    coarse = DRAFT.model_copy(update={"spacing_wavelengths": 0.7})
+    assert coarse.spacing_m(10.0, wavelength_m) == pytest.approx(0.7 * wavelength_m)
+
+
 def test_an_unknown_mode_names_the_known_ones() -> None:
     with pytest.raises(RadarError, match="unknown mode 'quick'; known: fast, exact, draft"):
         resolve_numerics("quick")
