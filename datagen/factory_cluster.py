@@ -41,7 +41,7 @@ def make_on_cluster(
     try:
         import distributed
     except ImportError as error:
-        raise SetupError("several workers need dask: pip install 'waveformer[cluster]'") from error
+        raise SetupError("several workers need dask: pip install distributed") from error
 
     with ExitStack() as stack:
         try:

@@ -24,6 +24,8 @@ from waveformer.simulator.errors import SetupError, WaveformerError
 _START_LIMIT_S = 120.0  # for the imports of the function's module, on a busy machine
 _HEADER_BYTES = 8
 _BLOCK_BYTES = 1 << 20
+# One thread gives the same bits every time, and none waits for the threads of another worker.
+_THREAD_COUNTS = ("WAVEFORMER_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class SandboxError(WaveformerError):
@@ -122,7 +124,7 @@ class Sandbox:
         self._stop()
         child_end, self._lifeline = os.pipe()
         paths = os.pathsep.join(path or os.getcwd() for path in sys.path)
-        one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+        one_thread = dict.fromkeys(_THREAD_COUNTS, "1")
         arguments = (self.function, str(self.memory_limit_bytes), str(child_end))
         try:
             self._child = subprocess.Popen(

@@ -227,9 +227,7 @@ def _batches(
     frequencies = 1 if response is None else len(response.frequencies_hz)
     seen: Iterable[TileWork] = (look(plan, tile, visibility, response, aperture) for tile in tiles)
     if interpolate_shadows:
-        seen = chain.from_iterable(
-            _look_twice(plan, tile, visibility, response, aperture) for tile in tiles
-        )
+        seen = chain.from_iterable(_look_twice(plan, tile, visibility, response, aperture) for tile in tiles)
     return in_batches(seen, frequencies)
 
 

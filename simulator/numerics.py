@@ -8,7 +8,6 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from waveformer.simulator.errors import RadarError
 
-
 # Mean area of a well-shaped piece over its longest edge squared: 0.7 of an equilateral triangle's.
 _PIECE_AREA = 0.3
 _LONGEST_GROWN_WAVELENGTHS = 0.5

@@ -179,7 +179,9 @@ def test_killed_runs_go_on(tmp_path, rng, capsys, wanted):
     double = sum(first_written[name] != written for name, written in commits(root).items())
     sweep(root)
     with capsys.disabled():
-        print(f"\n{kills} kills of the group: {audit(root).balance}; {lost} lost, {double} double, {false} false")
+        print(
+            f"\n{kills} kills of the group: {audit(root).balance}; {lost} lost, {double} double, {false} false"
+        )
     assert kills == wanted and (lost, double, false) == (0, 0, 0)
     assert digests(root) == digests(undisturbed)
 

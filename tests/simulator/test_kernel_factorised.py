@@ -125,7 +125,9 @@ def difference_from_dense(result: Run, whole: Aperture) -> float:
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize(
-    ("make", "numerics"), [(ball, FAST), (bent_sheet, FAST), (bent_sheet, DRAFT)], ids=["ball", "sheet", "draft"]
+    ("make", "numerics"),
+    [(ball, FAST), (bent_sheet, FAST), (bent_sheet, DRAFT)],
+    ids=["ball", "sheet", "draft"],
 )
 def test_the_kernel_equals_its_float64_twin(
     make: Any, numerics: Numerics, kind: str, monkeypatch: pytest.MonkeyPatch

@@ -8,6 +8,9 @@ import sys
 import pytest
 
 HEAVY = {"mitsuba", "drjit", "torch", "trimesh", "pyvista", "vtk", "matplotlib", "scipy", "zarr"}
+HEAVY |= {"dask", "distributed", "pyarrow", "h5py", "pandas", "xarray"}
+COMMANDS = ["doctor", "demo", "simulate", "twin", "image", "view", "validate"]
+COMMANDS += ["reconstruct", "evaluate", "generate", "propose", "export", "dataset"]
 
 HELP = """
 import sys
@@ -36,9 +39,7 @@ def loaded_by(code: str) -> set[str]:
     "arguments",
     [["--help"], ["--version"]]
     + [["catalog", "scan", "--help"], ["catalog", "show", "--help"]]
-    + [
-        [command, "--help"] for command in ("doctor", "demo", "simulate", "twin", "image", "view", "validate")
-    ],
+    + [[command, "--help"] for command in COMMANDS],
 )
 def test_help_is_light(arguments):
     assert loaded_by(HELP.format(arguments=arguments)) == set()

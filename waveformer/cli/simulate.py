@@ -88,7 +88,9 @@ def simulate(
         str | None,
         typer.Option(help="Front-end preset: ideal, iwr1443, mito_los, mito_nlos. [ideal]"),
     ] = None,
-    mode: Annotated[str | None, typer.Option(help="fast, exact (slow reference) or draft (coarser). [fast]")] = None,
+    mode: Annotated[
+        str | None, typer.Option(help="fast, exact (slow reference) or draft (coarser). [fast]")
+    ] = None,
     tile_positions: Annotated[
         int | None, typer.Option(help="Most antenna positions in flight at once; bounds memory.")
     ] = None,
