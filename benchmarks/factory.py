@@ -19,7 +19,7 @@ import psutil
 
 from waveformer.datagen.dataset_reader import open_dataset
 
-_POLL_S = 0.5
+_POLL_S = 5.0  # asking for memory stops a process for milliseconds
 
 
 def run(command: list[str]) -> tuple[dict[str, Any], float, int]:

@@ -27,7 +27,7 @@ MAKER = f"{__name__}:make_sample"
 SOURCE_FILE = "source.txt"
 INDICES_FILE = "indices.txt"
 # So many first points of a candidate are its farthest ones: an even cloud of it, and enough to judge it by.
-_FARTHEST = 512
+_FARTHEST = 256
 COPIED = ("truth_m", "truth_normals", "pose")
 Arrays = dict[str, NDArray[Any]]
 

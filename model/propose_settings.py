@@ -14,7 +14,7 @@ class ProposeSettings(BaseModel):
 
     Attributes:
         candidates: surfaces kept of each sample, those with the least loss; a field seldom has more levels.
-        points: of each surface at most; the first 512 are its farthest points.
+        points: of each surface at most; the first 256 are its farthest points.
         crop: "bounds" images the object's box and the air around it, "search" looks for what reflects.
         proposal: how surfaces are found.
         seed: of antennas and background samples.
