@@ -98,6 +98,7 @@ def test_examples_compile():
 def test_every_command_of_the_table_exists():
     named = re.findall(r"^\| `waveformer (\w+)` \|", README, re.MULTILINE)
     registered = {command.name or command.callback.__name__ for command in app.registered_commands}
+    registered |= {group.name for group in app.registered_groups}
     assert named
     assert set(named) <= registered
 

@@ -53,7 +53,7 @@ def test_the_arrays_of_a_sample(dataset):
         assert np.isfinite(arrays["partial_m"][variant, :count]).all()
         assert np.isnan(arrays["partial_m"][variant, count:]).all()
     assert np.isfinite(arrays["h"]).all() and np.abs(arrays["h"]).max() > 0
-    assert record["view"] == 1 and len(record["partials"]) == 2 and record["signal"]["mode"] == "fast"
+    assert record["view"] == 1 and len(record["partials"]) == 2 and record["signal"]["mode"] == "draft"
 
 
 def test_the_first_truth_points_cover_the_surface(dataset):

@@ -106,7 +106,9 @@ def test_bad_requests_are_one_line(folder, arguments, message):
 
 
 def test_ctrl_c_keeps_what_is_committed(folder):
-    (folder / "many.toml").write_text(CONFIG.replace("procedural = 4", "procedural = 40") + "\n")
+    (folder / "many.toml").write_text(
+        "shard_samples = 2\n" + CONFIG.replace("procedural = 4", "procedural = 40")
+    )
     command = [sys.executable, "-m", "waveformer", "generate", "many.toml", "--out", "store"]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 120
