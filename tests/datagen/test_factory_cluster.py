@@ -54,7 +54,7 @@ def test_killed_workers_are_replaced_and_nothing_is_lost(tmp_path, undisturbed, 
         if audit(root).committed and workers:
             workers[rng.integers(len(workers))].kill()
             kills += 1
-        time.sleep(float(rng.uniform(0.5, 1.5)))
+        time.sleep(float(rng.uniform(0.2, 0.8)))
     out, err = run.communicate(timeout=300)
     assert run.returncode == 0, err
     print(f"{kills} workers killed: {out.strip()}")
