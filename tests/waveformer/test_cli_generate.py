@@ -110,7 +110,10 @@ def test_ctrl_c_keeps_what_is_committed(folder):
         "shard_samples = 2\n" + CONFIG.replace("procedural = 4", "procedural = 40")
     )
     command = [sys.executable, "-m", "waveformer", "generate", "many.toml", "--out", "store"]
+    # a test run in the background of a shell ignores Ctrl-C, and so would its children
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    signal.signal(signal.SIGINT, before)
     deadline = time.monotonic() + 120
     while not list((folder / "store/commit").glob("*.json")) and time.monotonic() < deadline:
         time.sleep(0.2)
