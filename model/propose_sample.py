@@ -63,8 +63,8 @@ def make_sample(root: str, index: int) -> tuple[Arrays, dict[str, Any]]:
     """The candidates of one signal.
 
     Candidate i is the field's level with the i-th least loss, so the chosen one is nearly always the first; components
-    other than the largest stay at their choice. Its error is the median distance of its
-    first points to the truth.
+    other than the largest stay at their choice. Its error is the median distance of its first points
+    to the truth.
 
     Args:
         root: of the proposed dataset.

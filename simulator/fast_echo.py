@@ -225,10 +225,8 @@ def _batches(
 ) -> Iterator[list[TileWork]]:
     """The tiles with what they see, traced while they are taken."""
     frequencies = 1 if response is None else len(response.frequencies_hz)
-    seen: Iterable[TileWork] = (look(plan, tile, visibility, response, aperture) for tile in tiles)
-    if interpolate_shadows:
-        seen = chain.from_iterable(_look_twice(plan, tile, visibility, response, aperture) for tile in tiles)
-    return in_batches(seen, frequencies)
+    works = (look(plan, tile, visibility, response, aperture, interpolate_shadows) for tile in tiles)
+    return in_batches(chain.from_iterable(works), frequencies)
 
 
 def look(
@@ -237,34 +235,21 @@ def look(
     visibility: VisibilityMap,
     response: ResponsePlan | None,
     aperture: Aperture,
-) -> TileWork:
-    """What one tile sees, with its own rays."""
-    seen = visibility.of_tile(tile)
-    if response is not None:
-        seen = set_apart(
-            seen, uneven_samples(plan, tile, response.surroundings, response.crossings, aperture)
-        )
-    return tile_work(plan, tile, seen)
-
-
-def _look_twice(
-    plan: Factorisation,
-    tile: Tile,
-    visibility: VisibilityMap,
-    response: ResponsePlan | None,
-    aperture: Aperture,
+    interpolate_shadows: bool,
 ) -> Iterator[TileWork]:
-    """What one tile sees wholly, and what it sees in part, the latter for its nodes too."""
+    """What one tile sees, with its own rays; shadow edges that its nodes may see in part come apart."""
     seen = visibility.of_tile(tile)
-    smooth = np.full(len(seen.partial), tile.weights is not None and tile.ray_shape is not None)
+    has_nodes = tile.weights is not None and tile.ray_shape is not None
+    smooth = np.full(len(seen.partial), interpolate_shadows and has_nodes)
     if response is not None:
         uneven = uneven_samples(plan, tile, response.surroundings, response.crossings, aperture)
-        seen, smooth = set_apart(seen, uneven), smooth & ~uneven[seen.partial]
+        smooth &= ~uneven[seen.partial]
+        seen = set_apart(seen, uneven)
         smooth = np.pad(smooth, (0, len(seen.partial) - len(smooth)))  # those set apart come last
-    seen, shadows = seen.divide(smooth)
-    yield tile_work(plan, tile, seen)
-    if len(shadows.partial):
+    if smooth.any():
+        seen, shadows = seen.divide(smooth)
         yield shadow_work(plan, tile, shadows)
+    yield tile_work(plan, tile, seen)
 
 
 def in_batches(tiles: Iterable[TileWork], frequencies: int) -> Iterator[list[TileWork]]:

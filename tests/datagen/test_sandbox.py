@@ -239,3 +239,10 @@ def wait_until_gone(pid):
     while is_running(pid):
         assert time.monotonic() < deadline, "the child outlived its parent"
         time.sleep(0.02)
+
+
+@pytest.mark.parametrize("name", ["WAVEFORMER_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"])
+def test_a_child_has_one_thread_of_each_kind(monkeypatch, name):
+    monkeypatch.setenv(name, "7")
+    with Sandbox("os:getenv", time_limit_s=5.0, memory_limit_bytes=GIGABYTE) as box:
+        assert box.call(name) == "1"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import signal
@@ -53,3 +54,14 @@ def test_a_removed_lock_file_does_not_let_two_in(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="in use"):
         FileLock(path)
     second.release()
+
+
+def test_a_full_disk_leaves_no_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "write", full)
+        with pytest.raises(OSError, match="No space left"):
+            FileLock(tmp_path / "lock")
+    FileLock(tmp_path / "lock").release()
