@@ -246,3 +246,9 @@ def test_a_child_has_one_thread_of_each_kind(monkeypatch, name):
     monkeypatch.setenv(name, "7")
     with Sandbox("os:getenv", time_limit_s=5.0, memory_limit_bytes=GIGABYTE) as box:
         assert box.call(name) == "1"
+
+
+def test_a_child_keeps_its_memory_whatever_dask_wants_of_its_workers(monkeypatch):
+    monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", "65536")
+    with Sandbox("os:getenv", time_limit_s=5.0, memory_limit_bytes=GIGABYTE) as box:
+        assert box.call("MALLOC_TRIM_THRESHOLD_") is None
