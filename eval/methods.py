@@ -22,11 +22,13 @@ class MethodInput(NamedTuple):
 
     Attributes:
         proposal: candidate surfaces and the choice.
+        mmnorm: the same candidates chosen by mmNorm's loss, which compares magnitudes.
         support_z_m: height of the plane on which the object rests.
         rng: for completions that draw points.
     """
 
     proposal: Proposal
+    mmnorm: Proposal
     support_z_m: float
     rng: np.random.Generator
 
@@ -65,14 +67,16 @@ def _mirrored(given: MethodInput) -> NDArray[np.float64]:
     return mirror(partial, given.support_z_m, _COMPLETED_POINTS, given.rng).points_m
 
 
-# backprojection: voxels above a share of max |S|; mmnorm: the chosen level as sub-voxel points; mmnorm_voxels: as
-# voxels, as the original gives it; extruded and mirrored: shape-free completions that every learner must beat.
+# backprojection: voxels above a share of max |S|; proposal: the chosen level as sub-voxel points; mmnorm: the one that
+# mmNorm's loss chooses; mmnorm_voxels: as voxels, as the original gives it; extruded and mirrored: shape-free completions
+# of the proposal that every learner must beat.
 METHODS: dict[str, Method] = {
     "backprojection": _backprojection(0.4),
     "backprojection_0.3": _backprojection(0.3),
     "backprojection_li": _li,
-    "mmnorm": lambda given: given.proposal.surface_m(),
-    "mmnorm_voxels": lambda given: given.proposal.voxels_m(),
+    "proposal": lambda given: given.proposal.surface_m(),
+    "mmnorm": lambda given: given.mmnorm.surface_m(),
+    "mmnorm_voxels": lambda given: given.mmnorm.voxels_m(),
     "extruded": _extruded,
     "mirrored": _mirrored,
 }

@@ -21,7 +21,7 @@ from waveformer.eval.methods import METHODS, MethodInput
 from waveformer.eval.metrics import MAX_POINTS, coverage, score_reconstruction
 from waveformer.model.confidence_default import DEFAULT_CONFIDENCE
 from waveformer.model.imaging_volume import Volume
-from waveformer.model.proposal import Proposal, ProposalSettings, propose_surfaces
+from waveformer.model.proposal import Proposal, ProposalSettings, choose_surfaces, propose_surfaces
 from waveformer.model.voxels import voxel_positions_m
 from waveformer.simulator.front_end_streams import generator
 from waveformer.simulator.mesh import SurfaceMesh
@@ -52,7 +52,10 @@ def evaluate_scan(
     )
     seconds = time.perf_counter() - started
     given = MethodInput(
-        proposal, float(scan.record["support_z_m"]), generator(seed, f"completion {scan.object_id}")
+        proposal,
+        _by_magnitude(proposal, scan, settings, seed),
+        float(scan.record["support_z_m"]),
+        generator(seed, f"completion {scan.object_id}"),
     )
     partial = proposal.surface_m()
     share = coverage(partial, truth) if len(partial) else 0.0
@@ -73,6 +76,16 @@ def evaluate_scan(
         "scores": [row for name in methods for row in _scores(name, given, truth)],
     }
     return record, proposal
+
+
+def _by_magnitude(proposal: Proposal, scan: TwinScan, settings: ProposalSettings, seed: int) -> Proposal:
+    """The choice that mmNorm's loss makes among the same candidates."""
+    if not proposal.stacks:
+        return proposal
+    selection = settings.selection.model_copy(update={"loss": "magnitude"})
+    by_magnitude = settings.model_copy(update={"selection": selection})
+    rng = generator(seed, f"mmNorm {scan.object_id}")
+    return choose_surfaces(proposal, scan.measurement(), by_magnitude, rng=rng)
 
 
 def _scores(name: str, given: MethodInput, truth: TruthCloud) -> list[dict[str, Any]]:

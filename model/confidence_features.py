@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from waveformer.model.level_choice import residual_losses
 from waveformer.model.phase_agreement import (
     block_agreement,
     neighbour_rows,
@@ -35,7 +36,7 @@ class ConfidenceFeatures(NamedTuple):
     """Numbers that a confidence is made of; all finite.
 
     Attributes:
-        misfit: loss per antenna at the chosen level. A surface of the right shape at the right depth leaves
+        misfit: loss per antenna at the chosen level, see `residual_losses`. A surface of the right shape at the right depth leaves
             little; noise, clutter and wrong shapes leave a rest that no level removes.
         contrast: (median - chosen) / median of the loss over the levels. Where the minimum hardly stands out
             another level would have done as well.
@@ -92,7 +93,7 @@ def confidence_features(
         ratio: `uncertainty.column_ratio` of the chosen cloud; NaN counts as 1.
 
     Returns:
-        None if nothing was chosen: there is no reconstruction to trust.
+        None if nothing was chosen: there is no reconstruction to trust; nor if powers were compared, which have no phase.
 
     Raises:
         RadarError: the arrays do not fit the grid.
@@ -102,7 +103,7 @@ def confidence_features(
         raise RadarError(
             f"image {image.shape}, mask {mask.shape} and normals {normals.shape} must fit the grid {grid.shape}"
         )
-    if selection.is_empty:
+    if selection.is_empty or not selection.correlations:
         return None
     centers = 0.5 * (measurement.aperture.tx_m + measurement.aperture.receivers_m)
     neighbours, blocks = _phase_features(selection, stacks, measurement, centers)
@@ -152,7 +153,7 @@ def normal_roughness(normals: NDArray[np.floating], mask: NDArray[np.bool_], gri
 def _loss_features(selection: Selection) -> tuple[float, float, float]:
     """Misfit, contrast and level spread, of the largest component that has a level."""
     component = _main_component(selection)
-    losses, chosen = selection.antenna_losses[component], selection.level_index[component]
+    losses, chosen = residual_losses(selection.correlations[component]), selection.level_index[component]
     curve = losses.mean(axis=1)
     middle = float(np.median(curve))
     contrast = (middle - float(curve[chosen])) / middle if middle > 0 else 0.0
@@ -165,7 +166,7 @@ def _loss_features(selection: Selection) -> tuple[float, float, float]:
 def _ambiguity_m(selection: Selection, measurement: Measurement) -> float:
     """Depth of the levels of the main component that fit nearly as well as its choice; levels are half a wavelength apart."""
     component = _main_component(selection)
-    curve = selection.antenna_losses[component].mean(axis=1)
+    curve = residual_losses(selection.correlations[component]).mean(axis=1)
     chosen = float(curve[selection.level_index[component]])
     nearly = curve <= chosen + _NEARLY * max(float(np.median(curve)) - chosen, 0.0)
     return max(int(nearly.sum()), 1) * float(measurement.chirp.wavelengths_m[0]) / 2.0
@@ -188,10 +189,8 @@ def _phase_features(
 
 
 def _depth_agreement(selection: Selection, centers: NDArray[np.float64]) -> float:
-    """Agreement within blocks at the chosen level re the best of all, 0 .. 1, of the largest component; 0 without phases."""
+    """Agreement within blocks at the chosen level re the best of all, 0 .. 1, of the largest component."""
     component = _main_component(selection)
-    if not selection.correlations:
-        return 0.0
     curve = np.array([block_agreement(values, centers) for values in selection.correlations[component]])
     return float(curve[selection.level_index[component]] / curve.max()) if curve.max() > 0 else 0.0
 

@@ -22,9 +22,10 @@ _ELONGATION = 4.0
 
 def profile_correlation(measured: NDArray[Any], simulated: NDArray[Any]) -> NDArray[np.complex128]:
     """c_n = sum_w conj(s) m / (|s| |m|) of profiles (..., n, W), shape (..., n); 0 where either is zero."""
-    product = (np.conj(simulated) * measured).sum(axis=-1, dtype=np.complex128)
-    scale = np.linalg.norm(simulated.astype(np.complex128), axis=-1)
-    scale = scale * np.linalg.norm(measured.astype(np.complex128), axis=-1)
+    # in double, because products of weak echoes underflow
+    simulated, measured = simulated.astype(np.complex128), measured.astype(np.complex128)
+    product = np.einsum("...w,...w->...", simulated.conj(), measured)
+    scale = np.linalg.norm(simulated, axis=-1) * np.linalg.norm(measured, axis=-1)
     return np.asarray(np.where(scale > 0, product / np.where(scale > 0, scale, 1.0), 0.0))
 
 

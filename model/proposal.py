@@ -181,11 +181,35 @@ def propose_surfaces(
     stacks = tuple(  # Eq. 6
         all_surface_points(field, at) for field, at in zip(fields, levels_m, strict=True)
     )
-    selection = select_levels(stacks, [len(at) for at in levels_m], measurement, settings.selection, rng=rng)
-    reason = selection.note if selection.is_empty else ""
-    noted = tuple(note for note in (mask.reason, selection.note) if note and note != reason)
-    proposal = Proposal(focused, mask, fields, levels_m, stacks, selection, reason, (*warnings, *noted))
-    return replace(proposal, uncertain=settings.uncertainty.is_uncertain(proposal.column_ratio()))
+    warnings = (*warnings, *filter(None, [mask.reason]))
+    proposal = Proposal(focused, mask, fields, levels_m, stacks, warnings=warnings)
+    return choose_surfaces(proposal, measurement, settings, rng=rng)
+
+
+def choose_surfaces(
+    proposal: Proposal, measurement: Measurement, settings: ProposalSettings, *, rng: np.random.Generator
+) -> Proposal:
+    """The same candidates with another choice among them.
+
+    Args:
+        proposal: with candidates.
+        measurement: that they come from.
+        settings: of the choice and of the test of the chosen cloud; the others are not looked at.
+        rng: draws the antennas.
+
+    Raises:
+        SetupError: Mitsuba or its LLVM library is missing or broken.
+    """
+    counts = [len(at) for at in proposal.levels_m]
+    selection = select_levels(proposal.stacks, counts, measurement, settings.selection, rng=rng)
+    earlier = "" if proposal.selection is None else proposal.selection.note
+    warnings = tuple(warning for warning in proposal.warnings if warning != earlier)
+    if selection.is_empty:
+        chosen = replace(proposal, selection=selection, reason=selection.note, warnings=warnings)
+    else:
+        noted = (*warnings, *filter(None, [selection.note]))
+        chosen = replace(proposal, selection=selection, reason="", warnings=noted)
+    return replace(chosen, uncertain=settings.uncertainty.is_uncertain(chosen.column_ratio()))
 
 
 def _field(

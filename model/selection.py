@@ -4,13 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeVar
+from typing import Literal, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from waveformer.model.level_choice import added_responses, component_losses, coordinate_descent, last_peak
+from waveformer.model.level_choice import (
+    Loss,
+    added_responses,
+    component_losses,
+    coordinate_descent,
+    last_peak,
+)
 from waveformer.model.phase_agreement import profile_correlation
 from waveformer.model.range_response import range_limits, range_responses
 from waveformer.model.range_window import RangeWindow, measured_profiles, mmnorm_window, object_window
@@ -29,7 +35,8 @@ class SelectionSettings(BaseModel):
         num_antennas: drawn at random among those with a clear echo; mmNorm takes 50.
         coherent: add the echoes of a surface with their phases; False adds powers, for comparison.
         window: "object" compares the range bins around the candidates; "mmnorm" its four fixed bins.
-        choice: "argmin" of the loss; or mmNorm's "last_peak".
+        loss: "complex" compares profiles with their phase, each antenna but for one complex factor; "magnitude" is mmNorm's.
+        choice: "argmin" of the loss; or mmNorm's "last_peak", whose limits are made for its loss.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -37,7 +44,18 @@ class SelectionSettings(BaseModel):
     num_antennas: int = Field(default=200, gt=0)
     coherent: bool = True
     window: Literal["object", "mmnorm"] = "object"
+    loss: Loss = "complex"
     choice: Literal["argmin", "last_peak"] = "argmin"
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if self.loss == "complex" and not self.coherent:
+            raise ValueError('powers have no phase: with coherent = false take loss = "magnitude"')
+        if self.loss == "complex" and self.choice == "last_peak":
+            raise ValueError(
+                'the limits of "last_peak" are made for loss = "magnitude": take that, or "argmin"'
+            )
+        return self
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,11 +152,11 @@ def select_levels(
         )
         for index in usable
     ]  # fmt: skip
-    chosen = coordinate_descent(measured, responses)
-    losses = [component_losses(measured, responses, chosen, i) for i in range(len(usable))]
+    chosen = coordinate_descent(measured, responses, settings.loss)
+    losses = [component_losses(measured, responses, chosen, i, settings.loss) for i in range(len(usable))]
     if settings.choice == "last_peak":
         chosen = [last_peak(values.sum(axis=1), len(rows), len(usable) > 1) for values in losses]
-        losses = [component_losses(measured, responses, chosen, i) for i in range(len(usable))]
+        losses = [component_losses(measured, responses, chosen, i, settings.loss) for i in range(len(usable))]
     phases = [
         profile_correlation(measured, added_responses(responses, chosen, i))
         for i in range(len(usable) if settings.coherent else 0)

@@ -4,7 +4,7 @@
 
 TWIN is a folder of `waveformer twin` with scans of condition "clean". A point of the truth is covered if a point of the cloud
 is nearer than 0.08 radii; IoU = points that partial and candidate cover, over points that one of them covers. The candidate
-is the one that mmNorm's rule chooses from the object's signal, or that nearest to the mesh of those it chose from.
+is the one that is chosen from the object's signal, or that nearest to the mesh of those it chose from.
 """
 
 from __future__ import annotations

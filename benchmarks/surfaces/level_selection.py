@@ -27,14 +27,16 @@ FAR_M = 8e-3
 
 
 def choices() -> list[SelectionSettings]:
-    """All rules, and mmNorm's own four bins for comparison."""
+    """The default and mmNorm's loss by all rules, and mmNorm's own four bins for comparison."""
+    complex_loss = [SelectionSettings(num_antennas=n) for n in (200, 50)]
     rules = itertools.product((200, 50), (True, False), ("argmin", "last_peak"))
     return [
+        *complex_loss,
         *(
-            SelectionSettings(num_antennas=n, coherent=coherent, choice=choice)
+            SelectionSettings(num_antennas=n, coherent=coherent, loss="magnitude", choice=choice)
             for n, coherent, choice in rules
         ),
-        SelectionSettings(num_antennas=50, window="mmnorm", choice="last_peak"),
+        SelectionSettings(num_antennas=50, window="mmnorm", loss="magnitude", choice="last_peak"),
     ]
 
 
@@ -84,7 +86,8 @@ def table(rows: list[dict[str, Any]]) -> str:
                 if len(errors)
                 else ""
             )
-        name = f"{settings.choice}, {settings.num_antennas} antennas, {'coherent' if settings.coherent else 'incoherent'}"
+        echoes = "coherent" if settings.coherent else "incoherent"
+        name = f"{settings.loss}, {settings.choice}, {settings.num_antennas} antennas, {echoes}"
         name += ", mmNorm's four bins" if settings.window == "mmnorm" else ""
         lines.append("| " + " | ".join([name, *cells]) + " |")
     return "\n".join(lines)

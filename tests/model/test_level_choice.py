@@ -7,25 +7,84 @@ import itertools
 import numpy as np
 import pytest
 
-from waveformer.model.level_choice import antenna_losses, component_losses, coordinate_descent, last_peak
+from waveformer.model.level_choice import (
+    antenna_losses,
+    component_losses,
+    coordinate_descent,
+    last_peak,
+    residual_losses,
+)
 
 
 def complex_normal(rng: np.random.Generator, *shape: int) -> np.ndarray:
     return rng.normal(size=shape) + 1j * rng.normal(size=shape)
 
 
-def test_loss_by_hand() -> None:
+def test_mmnorms_loss_by_hand() -> None:
     measured = np.array([[3.0, 4.0j]])
     simulated = np.array([[[1.0, 0.0]], [[6.0j, -8.0]], [[0.0, 0.0]]])
     # units (0.6, 0.8) against (1, 0), (0.6, 0.8) and, without an echo, (0, 0)
-    assert antenna_losses(measured, simulated)[:, 0] == pytest.approx([0.4 + 0.8, 0.0, 1.4])
+    assert antenna_losses(measured, simulated, "magnitude")[:, 0] == pytest.approx([0.4 + 0.8, 0.0, 1.4])
     powers = np.array([[[36.0, 64.0]]])
-    assert antenna_losses(measured, powers)[0, 0] == pytest.approx(0.0)
+    assert antenna_losses(measured, powers, "magnitude")[0, 0] == pytest.approx(0.0)
 
 
-def test_weak_echoes_do_not_underflow() -> None:
+def test_complex_loss_by_hand() -> None:
+    measured = np.array([[3.0, 4.0j]])
+    simulated = np.array([[[3.0, 4.0j]], [[3.0j, -4.0]], [[4.0j, 3.0]], [[3.0, 4.0]], [[0.0, 0.0]]])
+    # the profile itself; turned as a whole; nothing of it; |c| = |9 - 16j| / 25; without an echo
+    unexplained = np.array([0.0, 0.0, 1.0, 1.0 - (81 + 256) / 625, 1.0])
+    # 30 dB are all there is to explain: log(1 + 1000 x) / log(1 + 1000)
+    assert antenna_losses(measured, simulated)[:, 0] == pytest.approx(
+        np.log1p(1e3 * unexplained) / np.log(1001)
+    )
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.4, 1.0])
+def test_phases_across_bins_tell_a_shift_that_magnitudes_hardly_show(shift: float) -> None:
+    """An echo between two bins of ten wavelengths, against candidates a fifth of a bin to either side."""
+    bins = np.arange(6)
+    pulse = lambda at: np.sinc(bins - at) * np.exp(1j * np.pi * (bins - at) * 0.9)
+    measured = (2j * pulse(2.5 + shift))[None]
+    simulated = np.stack([pulse(2.5 + shift + move) for move in (-0.2, 0.0, 0.2)])[:, None]
+    for loss in ("complex", "magnitude"):
+        assert antenna_losses(measured, simulated, loss)[:, 0].argmin() == 1
+
+
+def test_each_antenna_has_a_factor_of_its_own(rng: np.random.Generator) -> None:
+    measured, simulated = complex_normal(rng, 7, 5), complex_normal(rng, 3, 7, 5)
+    factors = complex_normal(rng, 7, 1)
+    expected = antenna_losses(measured, simulated)
+    assert antenna_losses(factors * measured, simulated) == pytest.approx(expected)
+    assert antenna_losses(measured, factors * simulated) == pytest.approx(expected)
+    assert ((expected > 0) & (expected < 1)).all()
+
+
+def test_the_complex_loss_is_the_likelihood_of_a_free_factor(rng: np.random.Generator) -> None:
+    """Minus log of the likelihood, maximised over factor and power of the rest, orders levels alike."""
+    measured, simulated = complex_normal(rng, 4, 6), complex_normal(rng, 20, 4, 6)
+    expected = np.zeros(20)
+    for level, antenna in itertools.product(range(20), range(4)):
+        factor = np.linalg.lstsq(simulated[level, antenna][:, None], measured[antenna], rcond=None)[0]
+        rest = measured[antenna] - simulated[level, antenna] * factor
+        expected[level] += np.log((np.abs(rest) ** 2).sum() / (np.abs(measured[antenna]) ** 2).sum())
+    found = antenna_losses(measured, simulated).sum(axis=1)
+    assert found.argmin() == expected.argmin()
+    # 1 + x / 0.001 instead of x / 0.001: at most 1 per cent where at least a tenth stays unexplained
+    assert found * np.log(1001) == pytest.approx(expected + 4 * np.log(1e3), abs=4 * 0.05)
+
+
+def test_losses_of_correlations_lie_between_0_and_1() -> None:
+    correlation = np.array([0.0, 0.5j, -1.0, 1.0 + 1e-9])
+    losses = residual_losses(correlation)
+    assert losses[0] == pytest.approx(1.0) and 0 < losses[1] < 1
+    assert losses[2:] == pytest.approx([0.0, 0.0])
+
+
+@pytest.mark.parametrize("loss", ["complex", "magnitude"])
+def test_weak_echoes_do_not_underflow(loss: str) -> None:
     measured = np.array([[3e-30, 4e-30]], dtype=np.complex64)
-    assert antenna_losses(measured, np.array([[[3.0, 4.0]]]) + 0j)[0, 0] == pytest.approx(0.0, abs=1e-6)
+    assert antenna_losses(measured, np.array([[[3.0, 4.0]]]) + 0j, loss)[0, 0] == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.mark.parametrize("num_components", [1, 2, 3])
@@ -36,7 +95,8 @@ def test_coordinate_descent_recovers_the_sum_it_was_made_from(
     responses = [scale * complex_normal(rng, 12, 40, 5) for scale in scales]
     truth = [int(level) for level in rng.integers(0, 12, num_components)]
     measured = sum(response[level] for response, level in zip(responses, truth, strict=True))
-    assert coordinate_descent(measured, responses) == truth
+    for loss in ("complex", "magnitude"):
+        assert coordinate_descent(measured, responses, loss) == truth
 
 
 def test_coordinate_descent_ends_where_no_single_change_helps(rng: np.random.Generator) -> None:

@@ -22,8 +22,8 @@ def evaluate(
         list[str] | None,
         typer.Option(
             metavar="NAME",
-            help="backprojection (0.4 of the largest |S|), backprojection_0.3, backprojection_li, mmnorm, mmnorm_voxels, "
-            "extruded, mirrored. May be repeated. [all]",
+            help="backprojection (0.4 of the largest |S|), backprojection_0.3, backprojection_li, proposal, mmnorm, "
+            "mmnorm_voxels, extruded, mirrored. May be repeated. [all]",
         ),
     ] = None,
     condition: Annotated[

@@ -16,14 +16,19 @@ if TYPE_CHECKING:
     from waveformer.simulator.measurement import Measurement
 
 Corner = tuple[float, float, float]
+_METHODS = ("proposal", "mmnorm", "backprojection")
 
 
 def reconstruct(
     scan: Annotated[Path, typer.Argument(help="Any saved scan (Zarr).")],
     out: Annotated[Path, typer.Option(help="Cloud to write, metres.", metavar="CLOUD.ply")],
     method: Annotated[
-        str, typer.Option(help="mmnorm (normals, levels and their choice) or backprojection (bright voxels).")
-    ] = "mmnorm",
+        str,
+        typer.Option(
+            help="proposal (normals, levels, and the one whose echoes fit), mmnorm (fitted by magnitudes alone, as "
+            "mmNorm does) or backprojection (bright voxels)."
+        ),
+    ] = "proposal",
     spacing: Annotated[float, typer.Option(help="Voxel edge, metres.")] = 0.003,
     min_m: Annotated[
         Corner | None,
@@ -37,7 +42,7 @@ def reconstruct(
         str, typer.Option(help="Integration of the normals: breadth_first (the paper's) or least_squares.")
     ] = "breadth_first",
     choice: Annotated[
-        str, typer.Option(help="argmin of the loss, or last_peak as mmNorm chooses.")
+        str, typer.Option(help="argmin of the loss, or with mmnorm also last_peak, as mmNorm chooses.")
     ] = "argmin",
     antennas: Annotated[int, typer.Option(help="Antennas whose echoes are compared.", min=1)] = 200,
     share: Annotated[
@@ -57,15 +62,18 @@ def reconstruct(
     from waveformer.simulator.measurement import Measurement
     from waveformer.simulator.storage import check_file_writable, publish_file
 
-    if method not in ("mmnorm", "backprojection"):
-        raise RadarError(f"unknown method {method!r}; known: mmnorm, backprojection")
+    if method not in _METHODS:
+        raise RadarError(f"unknown method {method!r}; known: {', '.join(_METHODS)}")
     if out.suffix.lower() != ".ply":
         raise RadarError(f"{out}: the cloud is written as PLY, name it {out.with_suffix('.ply').name}")
     picture = out.with_suffix(".png")
     check_file_writable(out, force)
     if png:
         check_file_writable(picture, force)
-    settings = _settings(spacing, field, choice, antennas)
+    if choice == "last_peak" and method != "mmnorm":
+        raise RadarError("--choice last_peak is a rule of mmNorm: add --method mmnorm")
+    loss = "magnitude" if method == "mmnorm" else "complex"
+    settings = _settings(spacing, field, {"choice": choice, "num_antennas": antennas, "loss": loss})
     measurement = Measurement.load(scan)
     started = time.perf_counter()
     with progress("imaging") as report:
@@ -73,9 +81,7 @@ def reconstruct(
             measurement, settings, crop=_crop(measurement, min_m, max_m),
             rng=generator(seed, "reconstruct"), progress=report,
         )  # fmt: skip
-    if method == "mmnorm":
-        points_m = proposal.surface_m()
-    elif proposal.focus is not None:
+    if method == "backprojection" and proposal.focus is not None:
         points_m = backprojection_cloud(proposal.focus.image, proposal.focus.grid, share)
     else:
         points_m = proposal.surface_m()
@@ -98,7 +104,7 @@ def reconstruct(
         "chosen_m": list(proposal.chosen_m),
         "column_ratio": proposal.column_ratio() if proposal.fields else None,
         "uncertain": proposal.uncertain,
-        "confidence": round(proposal.confidence(measurement), 3) if method == "mmnorm" else None,
+        "confidence": None if method == "backprojection" else round(proposal.confidence(measurement), 3),
         "seconds": round(seconds, 3),
         "warnings": list(proposal.warnings),
     }
@@ -108,19 +114,13 @@ def reconstruct(
     print_result(summary, text + (f"; {picture}" if png else ""), json_output)
 
 
-def _settings(spacing: float, field: str, choice: str, antennas: int) -> Any:
+def _settings(spacing: float, field: str, selection: dict[str, Any]) -> Any:
     from pydantic import ValidationError
 
     from waveformer.model.proposal import ProposalSettings
 
     try:
-        return ProposalSettings.model_validate(
-            {
-                "spacing_m": spacing,
-                "field": field,
-                "selection": {"choice": choice, "num_antennas": antennas},
-            }
-        )
+        return ProposalSettings.model_validate({"spacing_m": spacing, "field": field, "selection": selection})
     except ValidationError as error:
         first = error.errors()[0]
         raise RadarError(
