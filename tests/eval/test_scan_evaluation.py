@@ -1,8 +1,12 @@
+from types import SimpleNamespace
+
 import numpy as np
 
 from waveformer.datagen.truth_cloud import TruthCloud
 from waveformer.eval import scan_evaluation
 from waveformer.eval.alignment import Alignment
+from waveformer.eval.methods import METHODS, MethodInput
+from waveformer.model.proposal import Proposal, ProposalSettings
 
 
 def test_each_alignment_is_applied_before_its_score(monkeypatch, rng):
@@ -23,3 +27,32 @@ def test_an_empty_cloud_has_the_worst_score(monkeypatch, rng):
     monkeypatch.setitem(scan_evaluation.METHODS, "nothing", lambda given: np.empty((0, 3)))
     rows = scan_evaluation._scores("nothing", None, TruthCloud(rng.normal(size=(100, 3))))
     assert [row["score"]["chamfer"] for row in rows] == [1.0, 1.0]
+
+
+def test_mmnorm_chooses_by_magnitudes_among_the_same_candidates(monkeypatch):
+    asked = []
+
+    def choose(proposal, measurement, settings, *, rng):
+        asked.append((proposal, measurement, settings.selection.loss))
+        return "by magnitude"
+
+    monkeypatch.setattr(scan_evaluation, "choose_surfaces", choose)
+    scan = SimpleNamespace(object_id="mug", measurement=lambda: "measurement")
+    proposal = Proposal(None, None, stacks=("stack",))
+    assert scan_evaluation._by_magnitude(proposal, scan, ProposalSettings(), 0) == "by magnitude"
+    assert asked == [(proposal, "measurement", "magnitude")]
+    nothing = Proposal(None, None)
+    assert scan_evaluation._by_magnitude(nothing, scan, ProposalSettings(), 0) is nothing
+
+
+def test_each_method_takes_its_own_choice():
+    clouds = [
+        SimpleNamespace(
+            surface_m=lambda name=name: f"{name} points", voxels_m=lambda name=name: f"{name} voxels"
+        )
+        for name in ("ours", "theirs")
+    ]
+    given = MethodInput(*clouds, 0.0, np.random.default_rng(0))
+    assert METHODS["proposal"](given) == "ours points"
+    assert METHODS["mmnorm"](given) == "theirs points"
+    assert METHODS["mmnorm_voxels"](given) == "theirs voxels"

@@ -15,7 +15,8 @@ from scipy.spatial import KDTree
 
 from waveformer.model import proposal as proposal_module
 from waveformer.model.imaging_volume import Volume, imaging_volume
-from waveformer.model.proposal import Proposal, ProposalSettings, propose_surfaces
+from waveformer.model.proposal import Proposal, ProposalSettings, choose_surfaces, propose_surfaces
+from waveformer.model.selection import SelectionSettings, select_levels
 from waveformer.simulator import Aperture, Chirp, Measurement, RadarError, primitives, simulate
 
 RADIUS_M, TOP_M = 0.04, -0.36
@@ -63,6 +64,29 @@ def test_every_level_has_a_candidate(found: Proposal) -> None:
 def test_the_seed_is_all_that_is_random(scan: Measurement, found: Proposal) -> None:
     again = propose_surfaces(scan, COARSE, crop=CROP, rng=np.random.default_rng(0))
     assert np.array_equal(again.surface_m(), found.surface_m())
+
+
+def test_choosing_again_changes_the_choice_alone(scan: Measurement, found: Proposal) -> None:
+    settings = COARSE.model_copy(update={"selection": SelectionSettings(num_antennas=30, loss="magnitude")})
+    again = choose_surfaces(found, scan, settings, rng=np.random.default_rng(5))
+    assert again.stacks is found.stacks and again.focus is found.focus
+    counts = [len(at) for at in found.levels_m]
+    expected = select_levels(found.stacks, counts, scan, settings.selection, rng=np.random.default_rng(5))
+    assert again.selection is not None
+    assert np.array_equal(again.selection.losses[0], expected.losses[0])
+    assert again.warnings == found.warnings and again.reason == ""
+
+
+def test_notes_of_an_earlier_choice_go_with_it(scan: Measurement, found: Proposal) -> None:
+    blind = dataclasses.replace(scan, h=0 * scan.h)
+    nothing = choose_surfaces(found, blind, COARSE, rng=np.random.default_rng(0))
+    assert nothing.reason == "the signal is zero in the range of the candidates"
+    assert nothing.warnings == found.warnings and nothing.chosen_m == (None,) * len(found.fields)
+    edge = dataclasses.replace(scan, range_bias_m=-0.5)  # an echo at the end of the window
+    noted = choose_surfaces(nothing, edge, COARSE, rng=np.random.default_rng(0))
+    assert [warning.startswith("no antenna has a clear echo") for warning in noted.warnings].count(True) == 1
+    back = choose_surfaces(noted, scan, COARSE, rng=np.random.default_rng(0))
+    assert back.warnings == found.warnings and back.reason == ""
 
 
 def test_blocks_do_not_show(scan: Measurement, found: Proposal, monkeypatch: pytest.MonkeyPatch) -> None:

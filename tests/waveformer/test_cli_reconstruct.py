@@ -58,6 +58,15 @@ def test_backprojection_is_spread_over_the_range_resolution(folder):
     assert np.percentile(off_m, 75) > 5e-3  # of a range bin of 50 mm
 
 
+def test_mmnorms_own_choice(folder):
+    given = ("scan.zarr", "--method", "mmnorm", "--choice", "last_peak", "--spacing", 0.004, *BOX, "--json")
+    summary = json.loads(run(*given, "--out", "mmnorm.ply").stdout)
+    points = trimesh.load(folder / "mmnorm.ply").vertices
+    assert summary["method"] == "mmnorm" and len(points) > 100
+    # mmNorm prefers levels nearer to the radar
+    assert np.median(np.abs(np.linalg.norm(points - CENTER_M, axis=1) - RADIUS_M)) < 6e-3
+
+
 def test_the_same_seed_gives_the_same_cloud_and_nothing_is_replaced_unasked(folder):
     run("scan.zarr", "--out", "one.ply", "--spacing", 0.005, *BOX)
     first = (folder / "one.ply").read_bytes()
@@ -75,6 +84,7 @@ def test_the_same_seed_gives_the_same_cloud_and_nothing_is_replaced_unasked(fold
         (["--min", "1", "1", "-0.4", "--max", "1.1", "1.1", "-0.3"], "misses the imaged volume"),
         (["--spacing", "0.5"], "spacing_m"),
         (["--choice", "best"], "selection.choice"),
+        (["--choice", "last_peak"], "--choice last_peak is a rule of mmNorm: add --method mmnorm"),
     ],
 )
 def test_bad_requests_are_one_line(folder, arguments, message):
