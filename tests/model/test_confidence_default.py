@@ -1,13 +1,11 @@
-import math
-
 import pytest
 
 from waveformer.model.confidence_default import DEFAULT_CONFIDENCE
 from waveformer.model.confidence_features import ConfidenceFeatures
 
-# What a clean scan of a box showed, and what one flooded by noise did.
-GOOD = ConfidenceFeatures(0.1, 0.9, 0.0, 0.95, 0.9, 1.0, -38.0, 1.0, 0.50, math.log(0.2), math.log(0.02))
-BAD = ConfidenceFeatures(2.0, 0.05, 2.7, 0.02, 0.08, 0.7, -17.0, 2.8, 0.60, math.log(0.2), math.log(0.2))
+# What a clean scan of a cracker box showed, and that of a tennis ball flooded by noise, of which 17 % lay right.
+GOOD = ConfidenceFeatures(0.233, 0.717, 0.0, 0.983, 0.975, 1.0, -29.1, 0.46, 0.505, -1.145, -4.41)
+BAD = ConfidenceFeatures(0.975, 0.004, 2.75, 0.004, 0.099, 0.81, -24.8, 2.69, 0.573, -1.702, -4.55)
 
 
 def test_there_is_a_weight_for_every_feature():
@@ -25,8 +23,9 @@ def test_good_and_bad_are_told_apart():
     [
         ("level_spread", 2.5),
         ("neighbour_agreement", 0.0),
-        ("image_floor_db", -10.0),
+        ("depth_agreement", 0.3),
         ("normal_roughness", 4.0),
+        ("column_ratio", 0.65),
     ],
 )
 def test_each_of_these_alone_lowers_it(name, worse):
