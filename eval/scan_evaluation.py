@@ -24,6 +24,7 @@ from waveformer.model.imaging_volume import Volume
 from waveformer.model.proposal import Proposal, ProposalSettings, choose_surfaces, propose_surfaces
 from waveformer.model.voxels import voxel_positions_m
 from waveformer.simulator.front_end_streams import generator
+from waveformer.simulator.measurement import Measurement
 from waveformer.simulator.mesh import SurfaceMesh
 
 ALIGNMENTS = ("known_pose", "icp")
@@ -53,7 +54,7 @@ def evaluate_scan(
     seconds = time.perf_counter() - started
     given = MethodInput(
         proposal,
-        _by_magnitude(proposal, scan, settings, seed),
+        _by_magnitude(proposal, measurement, settings, generator(seed, f"mmNorm {scan.object_id}")),
         float(scan.record["support_z_m"]),
         generator(seed, f"completion {scan.object_id}"),
     )
@@ -78,14 +79,15 @@ def evaluate_scan(
     return record, proposal
 
 
-def _by_magnitude(proposal: Proposal, scan: TwinScan, settings: ProposalSettings, seed: int) -> Proposal:
+def _by_magnitude(
+    proposal: Proposal, measurement: Measurement, settings: ProposalSettings, rng: np.random.Generator
+) -> Proposal:
     """The choice that mmNorm's loss makes among the same candidates."""
     if not proposal.stacks:
         return proposal
     selection = settings.selection.model_copy(update={"loss": "magnitude"})
     by_magnitude = settings.model_copy(update={"selection": selection})
-    rng = generator(seed, f"mmNorm {scan.object_id}")
-    return choose_surfaces(proposal, scan.measurement(), by_magnitude, rng=rng)
+    return choose_surfaces(proposal, measurement, by_magnitude, rng=rng)
 
 
 def _scores(name: str, given: MethodInput, truth: TruthCloud) -> list[dict[str, Any]]:

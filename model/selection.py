@@ -13,9 +13,11 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from waveformer.model.level_choice import (
     Loss,
     added_responses,
+    antenna_losses,
     component_losses,
     coordinate_descent,
     last_peak,
+    residual_losses,
 )
 from waveformer.model.phase_agreement import profile_correlation
 from waveformer.model.range_response import range_limits, range_responses
@@ -153,14 +155,15 @@ def select_levels(
         for index in usable
     ]  # fmt: skip
     chosen = coordinate_descent(measured, responses, settings.loss)
-    losses = [component_losses(measured, responses, chosen, i, settings.loss) for i in range(len(usable))]
     if settings.choice == "last_peak":
-        chosen = [last_peak(values.sum(axis=1), len(rows), len(usable) > 1) for values in losses]
-        losses = [component_losses(measured, responses, chosen, i, settings.loss) for i in range(len(usable))]
-    phases = [
-        profile_correlation(measured, added_responses(responses, chosen, i))
-        for i in range(len(usable) if settings.coherent else 0)
-    ]
+        curves = [component_losses(measured, responses, chosen, i, settings.loss) for i in range(len(usable))]
+        chosen = [last_peak(values.sum(axis=1), len(rows), len(usable) > 1) for values in curves]
+    totals = [added_responses(responses, chosen, i) for i in range(len(usable))]
+    phases = [profile_correlation(measured, total) for total in totals] if settings.coherent else []
+    if settings.loss == "complex":
+        losses = [residual_losses(correlation) for correlation in phases]
+    else:
+        losses = [antenna_losses(measured, total, settings.loss) for total in totals]
     no_losses, no_phases = np.empty((0, len(rows))), np.empty((0, len(rows)), dtype=np.complex128)
     return Selection(
         _by_component(chosen, usable, -1, len(stacks)),

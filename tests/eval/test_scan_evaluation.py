@@ -37,12 +37,12 @@ def test_mmnorm_chooses_by_magnitudes_among_the_same_candidates(monkeypatch):
         return "by magnitude"
 
     monkeypatch.setattr(scan_evaluation, "choose_surfaces", choose)
-    scan = SimpleNamespace(object_id="mug", measurement=lambda: "measurement")
     proposal = Proposal(None, None, stacks=("stack",))
-    assert scan_evaluation._by_magnitude(proposal, scan, ProposalSettings(), 0) == "by magnitude"
+    given = ("measurement", ProposalSettings(), np.random.default_rng(0))
+    assert scan_evaluation._by_magnitude(proposal, *given) == "by magnitude"
     assert asked == [(proposal, "measurement", "magnitude")]
     nothing = Proposal(None, None)
-    assert scan_evaluation._by_magnitude(nothing, scan, ProposalSettings(), 0) is nothing
+    assert scan_evaluation._by_magnitude(nothing, *given) is nothing
 
 
 def test_each_method_takes_its_own_choice():
