@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from waveformer.model.level_choice import residual_losses
 from waveformer.model.selection import Selection, SelectionSettings, select_levels
 from waveformer.model.surfaces import SurfaceStack
 from waveformer.simulator.arrays import with_receivers
@@ -67,6 +68,8 @@ def test_the_sphere_that_echoed_is_found(scan: Measurement, window: str, seed: i
     assert len(selection.rows) == 50
     assert selection.antenna_losses[0].shape == (NUM_LEVELS, 50)
     assert selection.losses[0].argmin() == selection.level_index[0]
+    # the losses are those of the complex profile, not of its magnitudes
+    np.testing.assert_array_equal(selection.antenna_losses[0], residual_losses(selection.correlations[0]))
     # the true surface explains the phases, too, but for one common turn
     correlation = selection.correlations[0][TRUE_LEVEL]
     assert np.abs(correlation.mean()) > 0.95
