@@ -19,6 +19,7 @@ from waveformer.simulator.errors import SetupError, WaveformerError
 _SHARDS_PER_WORKER = 2
 # A shard whose workers died so often is not to blame for it: poison dies in the sandbox. The machine is.
 _ALLOWED_DEATHS = 30
+_ANSWER_WITHIN = "30s"
 
 _makers: dict[str, ShardMaker] = {}
 
@@ -71,12 +72,18 @@ def make_on_cluster(
 
 def _client(distributed: Any, stack: ExitStack, workers: int, scheduler: str | None) -> Any:
     if scheduler is not None:
-        return distributed.Client(scheduler, timeout="30s")
+        return distributed.Client(scheduler, timeout=_ANSWER_WITHIN)
     import dask
 
     stack.enter_context(
         dask.config.set(
-            {"distributed.scheduler.allowed-failures": _ALLOWED_DEATHS, "distributed.worker.daemon": True}
+            {
+                "distributed.scheduler.allowed-failures": _ALLOWED_DEATHS,
+                "distributed.worker.daemon": True,
+                # Looking at stacks a hundred times a second and at loops fifty times takes a seventh of a core.
+                "distributed.worker.profile.enabled": False,
+                "distributed.admin.tick.interval": "1s",
+            }
         )
     )
     cluster = stack.enter_context(
@@ -85,6 +92,7 @@ def _client(distributed: Any, stack: ExitStack, workers: int, scheduler: str | N
             threads_per_worker=1,
             processes=True,
             dashboard_address=None,
+            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # its port may be another run's
             memory_limit=0,  # the sandbox has its own limit
             silence_logs=logging.CRITICAL,
         )

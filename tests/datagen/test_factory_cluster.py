@@ -6,8 +6,11 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import ExitStack
 from pathlib import Path
 
+import dask
+import distributed
 import psutil
 import pytest
 
@@ -15,6 +18,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from factory_support import HERE, digests, made_dataset, new_dataset, start_run
 
+from waveformer.datagen import factory_cluster
 from waveformer.datagen.dataset_audit import audit, sweep
 from waveformer.datagen.factory_run import run_factory
 from waveformer.simulator.errors import SetupError
@@ -106,11 +110,21 @@ def test_a_cluster_of_separate_processes_with_one_killed(tmp_path, undisturbed):
 
 
 def test_a_scheduler_that_is_not_there_is_one_line(tmp_path, monkeypatch):
-    import dask
-
+    monkeypatch.setattr(factory_cluster, "_ANSWER_WITHIN", "2s")
     root = new_dataset(tmp_path / "store", 4)
     with (
         dask.config.set({"distributed.comm.timeouts.connect": "1s"}),
         pytest.raises(SetupError, match="does not answer"),
     ):
         run_factory(root, scheduler="tcp://127.0.0.1:9")
+
+
+@pytest.mark.filterwarnings("error:Port")
+def test_two_runs_side_by_side_warn_of_nothing_and_their_workers_are_not_profiled():
+    with ExitStack() as stack:
+        clients = [
+            stack.enter_context(factory_cluster._client(distributed, stack, 1, None)) for _ in range(2)
+        ]
+        for client in clients:
+            watched = client.run(dask.config.get, "distributed.worker.profile.enabled")
+            assert list(watched.values()) == [False]
