@@ -62,19 +62,19 @@ def _ordered(points_m: NDArray[np.float64], count: int) -> NDArray[np.int64]:
         else:
             near = KDTree(points_m[new]).sparse_distance_matrix(tree, farthest_m, output_type="ndarray")
             np.minimum.at(distance_m, near["j"], near["v"])
-        farthest_m = float(distance_m.max())
+        new = np.array([distance_m.argmax()])
+        farthest_m = float(distance_m[new[0]])
         if farthest_m == 0.0:  # copies of chosen points are all that is left
             chosen[done:] = np.delete(np.arange(len(points_m)), chosen[:done])[: count - done]
             return chosen
-        limit_m = _ROUND_SHARE * farthest_m if done < _LAST_ROUND * len(points_m) else 0.0
-        far = np.flatnonzero((distance_m >= limit_m) & (distance_m > 0))
-        far_tree = KDTree(points_m[far]) if done >= single_until else None
-        if far_tree is not None and _is_crowd(far_tree, farthest_m):
-            far_tree, single_until = None, done + _SINGLE_POINTS
-        if far_tree is None:
-            new = far[[distance_m[far].argmax()]]
-        else:
-            new = far[_choose(points_m[far], distance_m[far], far_tree, limit_m)][: count - done]
+        if done >= single_until:
+            limit_m = _ROUND_SHARE * farthest_m if done < _LAST_ROUND * len(points_m) else 0.0
+            far = np.flatnonzero((distance_m >= limit_m) & (distance_m > 0))
+            far_tree = KDTree(points_m[far])
+            if _is_crowd(far_tree, farthest_m):
+                single_until = done + _SINGLE_POINTS
+            else:
+                new = far[_choose(points_m[far], distance_m[far], far_tree, limit_m)][: count - done]
         chosen[done : done + len(new)] = new
 
 
