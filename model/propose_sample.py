@@ -18,7 +18,6 @@ from waveformer.datagen.twin_scene import CROP_MARGIN_M
 from waveformer.model.imaging_volume import Volume
 from waveformer.model.proposal import Proposal, propose_surfaces
 from waveformer.model.propose_settings import ProposeSettings
-from waveformer.model.surfaces import surface_points
 from waveformer.simulator.errors import RadarError
 from waveformer.simulator.front_end_streams import generator
 from waveformer.simulator.measurement import Measurement
@@ -111,9 +110,9 @@ def _candidates(proposal: Proposal, truth_m: NDArray[np.float64], settings: Prop
     assert selection is not None, "checked before"
     loss, levels_m = selection.antenna_losses[main].mean(axis=1), proposal.levels_m[main]
     others = [
-        surface_points(field, at).points_m
-        for i, (field, at) in enumerate(zip(proposal.fields, proposal.chosen_m, strict=True))
-        if i != main and at is not None
+        stack.points_at(level)
+        for i, (stack, level) in enumerate(zip(proposal.stacks, selection.level_index, strict=True))
+        if i != main and level >= 0
     ]
     tree, count = KDTree(truth_m), settings.candidates
     found: Arrays = {
@@ -127,8 +126,7 @@ def _candidates(proposal: Proposal, truth_m: NDArray[np.float64], settings: Prop
     }
     order = np.argsort(loss, kind="stable")[:count]
     for place, level in enumerate(order):
-        own = surface_points(proposal.fields[main], float(levels_m[level])).points_m
-        points = np.concatenate([own, *others])
+        points = np.concatenate([proposal.stacks[main].points_at(level), *others])
         if len(points) == 0:
             continue
         cloud = fixed_size(_spread(points, settings.points), settings.points)

@@ -85,6 +85,11 @@ class SurfaceStack(SurfacePatch):
 
     level: NDArray[np.int64]
 
+    def points_at(self, level: int) -> NDArray[np.float64]:
+        """Points of one level by its position in the list, shape (p, 3)."""
+        first, end = np.searchsorted(self.level, [level, level + 1])
+        return self.points_m[first:end]
+
 
 def levels(
     field: PotentialField,

@@ -163,6 +163,8 @@ def test_all_levels_at_once_are_the_levels_one_by_one():
         patch = surface_points(field, level_m)
         for name in ("points_m", "normals", "areas_m2"):
             np.testing.assert_array_equal(getattr(stack, name)[stack.level == position], getattr(patch, name))
+        np.testing.assert_array_equal(stack.points_at(position), patch.points_m)
+    assert stack.points_at(len(chosen)).shape == (0, 3)
 
 
 def test_levels_cover_the_whole_range():
