@@ -137,6 +137,20 @@ def test_ray_weights_are_linear_interpolation_between_rays_close_enough(offset_m
             assert np.diff(np.unique(tile.ray_tx_m[:, axis].round(9))).max() <= LEAF_M * (1 + 1e-9)
 
 
+def test_rays_are_interpolated_to_the_nodes_where_these_lie() -> None:
+    """Linear weights give back any linear function, so the nodes' own places."""
+    aperture = Aperture.planar_grid(31, 41, 0.004)
+    tiles = [tile for tile in tiles_of(aperture) if tile.ray_shape is not None and tile.weights is not None]
+    assert tiles
+    for tile in tiles:
+        weights = tile.node_ray_weights
+        # within the box of the rays; 1e-6 is float32
+        low, high = tile.ray_tx_m.min(axis=0), tile.ray_tx_m.max(axis=0)
+        inside = ((tile.node_tx_m > low - 1e-9) & (tile.node_tx_m < high + 1e-9)).all(axis=1)
+        assert inside.any()
+        np.testing.assert_allclose((weights @ tile.ray_tx_m)[inside], tile.node_tx_m[inside], atol=1e-6)
+
+
 @pytest.mark.parametrize("most", [1, 7, 50, 10_000, None])
 @pytest.mark.parametrize("is_irregular", [False, True])
 def test_splitting_a_tile_keeps_rows_nodes_and_weights(
